@@ -1,0 +1,101 @@
+"""Radio links of Section III-C and III-D: air-to-ground, terrestrial, backhaul.
+
+Every function takes scalars or arrays that broadcast against each other, in Python as well as in
+the compiled step of :mod:`orchid_uav.envs.dynamics`, which calls these same functions.
+
+To try another channel, change :func:`air_to_ground_path_loss_db` here. If the new loss can fall
+while the ground distance grows, or grow while the elevation angle grows, set
+:data:`LOSS_IS_MONOTONE` to False: association then looks at every link.
+"""
+
+import numpy as np
+from numba.extending import register_jitable
+from scipy.constants import speed_of_light
+
+from orchid_uav.envs.parameters import ChannelParameters
+from orchid_uav.envs.units import decibel_to_linear
+
+_TABLE_I = ChannelParameters()
+_FREQUENCY_HZ = _TABLE_I.carrier_frequency_hz
+_S_CURVE_A = _TABLE_I.s_curve_a
+_S_CURVE_B = _TABLE_I.s_curve_b
+_LOSS_LOS_DB = _TABLE_I.excess_loss_los_db
+_LOSS_NLOS_DB = _TABLE_I.excess_loss_nlos_db
+
+LOSS_IS_MONOTONE = True
+"""The air-to-ground loss grows with the 3-D distance and falls with the elevation angle.
+
+True of the Al-Hourani model for b > 0 and eta_NLoS >= eta_LoS (both validated). It lets association
+skip a UAV that is farther (weighted by power), and seen lower, than one already looked at.
+"""
+
+
+@register_jitable
+def elevation_angle_deg(altitude_m, distance_m):
+    """Elevation of the UAV seen from the user, in degrees: (180/pi) arcsin(z / d), d in 3-D."""
+    return np.degrees(np.arcsin(altitude_m / distance_m))
+
+
+@register_jitable
+def line_of_sight_probability(elevation_deg, a=_S_CURVE_A, b=_S_CURVE_B):
+    """Pr_LoS = 1 / (1 + a exp(-b (theta - a))), theta in degrees (Section III-C1)."""
+    return 1.0 / (1.0 + a * np.exp(-b * (elevation_deg - a)))
+
+
+@register_jitable
+def free_space_path_loss_db(distance_m, carrier_frequency_hz=_FREQUENCY_HZ):
+    """20 log10(d) + 20 log10(f_c) + 20 log10(4 pi / c), distance > 0."""
+    return 20.0 * np.log10(4.0 * np.pi * carrier_frequency_hz / speed_of_light * distance_m)
+
+
+@register_jitable
+def air_to_ground_path_loss_db(
+    ground_distance_m,
+    altitude_m,
+    carrier_frequency_hz=_FREQUENCY_HZ,
+    s_curve_a=_S_CURVE_A,
+    s_curve_b=_S_CURVE_B,
+    excess_loss_los_db=_LOSS_LOS_DB,
+    excess_loss_nlos_db=_LOSS_NLOS_DB,
+):
+    """L^A2G: average of the LoS and NLoS losses, weighted with their probabilities (Section III-C1).
+
+    ``ground_distance_m`` >= 0 is horizontal, ``altitude_m`` > 0 the UAV's height over the user.
+    """
+    distance_m = np.sqrt(ground_distance_m * ground_distance_m + altitude_m * altitude_m)
+    probability = line_of_sight_probability(
+        elevation_angle_deg(altitude_m, distance_m), s_curve_a, s_curve_b
+    )
+    excess_db = probability * excess_loss_los_db + (1.0 - probability) * excess_loss_nlos_db
+    return free_space_path_loss_db(distance_m, carrier_frequency_hz) + excess_db
+
+
+@register_jitable
+def ground_path_loss_db(distance_m, carrier_frequency_hz, path_loss_exponent, shadowing_db):
+    """L^GBS = 20 log10(4 pi f_c / c) + 10 beta log10(d) + chi (Section III-C2; beta, chi: M4)."""
+    reference_db = free_space_path_loss_db(1.0, carrier_frequency_hz)
+    return reference_db + 10.0 * path_loss_exponent * np.log10(distance_m) + shadowing_db
+
+
+@register_jitable
+def received_power_w(transmit_power_w, antenna_gain_db, path_loss_db):
+    """P G_tx G_rx 10^(-L/10); ``antenna_gain_db`` is the sum of both gains."""
+    return transmit_power_w * decibel_to_linear(antenna_gain_db - path_loss_db)
+
+
+@register_jitable
+def backhaul_snr(
+    distance_m, transmit_power_w, antenna_gain_db, carrier_frequency_hz, noise_power_w
+):
+    """gamma^BH, linear: free-space link from the GBS to a UAV (Section III-C3).
+
+    ``noise_power_w`` is N_0 B_BH.
+    """
+    path_loss_db = free_space_path_loss_db(distance_m, carrier_frequency_hz)
+    return received_power_w(transmit_power_w, antenna_gain_db, path_loss_db) / noise_power_w
+
+
+@register_jitable
+def spectral_efficiency(snr):
+    """Bits per second and hertz of a link with linear SNR: log2(1 + gamma)."""
+    return np.log2(1.0 + snr)

@@ -1,0 +1,102 @@
+"""Phase I: where UAVs start, and which users they are there for (Section IV-B)."""
+
+import warnings
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from sklearn.cluster import KMeans
+from sklearn.exceptions import ConvergenceWarning
+
+from orchid_uav.envs.parameters import Parameters
+
+_RANDOM_START_TRIES = 10_000
+
+
+class Deployment(NamedTuple):
+    """The outcome of Phase I."""
+
+    uav_positions_m: NDArray[np.float64]
+    """Horizontal start of every UAV, (N, 2)."""
+    target_users: NDArray[np.bool_]
+    """True for the users of G_UAV, (M,): all but the cluster nearest the GBS."""
+    centroids_m: NDArray[np.float64]
+    """All N + 1 centroids, (N + 1, 2)."""
+    labels: NDArray[np.int32]
+    """Cluster of every user, (M,)."""
+
+
+def gbs_aware_kmeans(
+    users: ArrayLike, uavs: int, gbs: ArrayLike, seed: int | None = None, n_init: int = 1
+) -> Deployment:
+    """K-Means++ into N + 1 clusters; the one nearest the GBS is the GBS's (Section IV-B).
+
+    Args:
+        users: positions (M, 2) in m as Phase I sees them, at least N + 1 of them.
+        uavs: number N of UAVs.
+        gbs: position of the GBS, of which the first two coordinates count.
+        seed: of the K-Means++ seeding.
+        n_init: runs, of which the one with the least within-cluster sum of squares is kept (M27).
+    """
+    positions = np.asarray(users, dtype=np.float64)
+    if len(positions) < uavs + 1:
+        raise ValueError(f"{len(positions)} users cannot form {uavs + 1} clusters")
+    clustering = KMeans(n_clusters=uavs + 1, init="k-means++", n_init=n_init, random_state=seed)
+    with warnings.catch_warnings():
+        # Fewer distinct positions than clusters is unusual but valid: some UAVs start together.
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        clustering.fit(positions)
+    centroids, labels = clustering.cluster_centers_, clustering.labels_
+    gbs_distance = np.linalg.norm(centroids - np.asarray(gbs, dtype=np.float64)[:2], axis=1)
+    gbs_cluster = int(np.argmin(gbs_distance))
+    return Deployment(
+        np.delete(centroids, gbs_cluster, axis=0), labels != gbs_cluster, centroids, labels
+    )
+
+
+def random_start(
+    uavs: int, area_m: float, min_separation_m: float, generator: np.random.Generator
+) -> NDArray[np.float64]:
+    """Horizontal positions (N, 2) uniform over the area, d_min apart from each other (M28).
+
+    Raises:
+        ValueError: no room found for so many UAVs at that distance.
+    """
+    chosen = np.empty((uavs, 2))
+    for index in range(uavs):
+        for _ in range(_RANDOM_START_TRIES):
+            candidate = generator.uniform(0.0, area_m, 2)
+            distances = np.linalg.norm(chosen[:index] - candidate, axis=1)
+            if np.all(distances >= min_separation_m):
+                chosen[index] = candidate
+                break
+        else:
+            raise ValueError(
+                f"no room for {uavs} UAVs {min_separation_m:g} m apart in {area_m:g} m x "
+                f"{area_m:g} m"
+            )
+    return chosen
+
+
+def deploy(
+    users_m: NDArray[np.float64], parameters: Parameters, generator: np.random.Generator
+) -> Deployment:
+    """Phase I as configured, with the sensing error of M29 and the random start of M28."""
+    network = parameters.network
+    sensed_m = users_m
+    if network.sensing_error_std_m > 0.0:
+        error_m = generator.normal(0.0, network.sensing_error_std_m, users_m.shape)
+        sensed_m = np.clip(users_m + error_m, 0.0, network.area_m)
+    deployment = gbs_aware_kmeans(
+        sensed_m,
+        network.uav_count,
+        parameters.gbs_position_m,
+        seed=int(generator.integers(2**31)),
+        n_init=parameters.deployment.n_init,
+    )
+    if parameters.deployment.init == "random":
+        start_m = random_start(
+            network.uav_count, network.area_m, parameters.uav.min_separation_m, generator
+        )
+        deployment = deployment._replace(uav_positions_m=start_m)
+    return deployment

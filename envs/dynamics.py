@@ -1,0 +1,441 @@
+"""One slot of many worlds, compiled.
+
+The loops here only say in which order the equations of the neighbouring modules are applied, and
+to what; the equations themselves are those modules' functions. ``step_worlds`` moves on by a slot
+in the order of decision M25: UAVs, transmit powers, users, association, rates, reward.
+"""
+
+import hashlib
+from pathlib import Path
+
+import numpy as np
+from numba import njit
+
+from orchid_uav.envs.arrays import HISTOGRAM_CELLS, Constants, Worlds
+from orchid_uav.envs.channel import (
+    LOSS_IS_MONOTONE,
+    air_to_ground_path_loss_db,
+    backhaul_snr,
+    received_power_w,
+    spectral_efficiency,
+)
+from orchid_uav.envs.fairness import jain_index_from_sums
+from orchid_uav.envs.kinematics import clipped, displacement_factor, is_outside, relative
+from orchid_uav.envs.metrics import (
+    BACKHAUL_VIOLATIONS,
+    BOUNDARY_VIOLATIONS,
+    COLLISIONS,
+    COVERAGE,
+    ENERGY_EFFICIENCY,
+    LOAD_JFI,
+    PROPULSION_POWER,
+    RATE_JFI,
+    SUM_RATE,
+    WORST_RATE,
+)
+from orchid_uav.envs.observation import BACKHAUL_SCALE_DB
+from orchid_uav.envs.propulsion import climb_power_w, propulsion_power_w
+from orchid_uav.envs.reward import (
+    composite_reward,
+    coverage_ratio,
+    energy_efficiency,
+    linear_schedule,
+    log_rate_utility,
+    normalised_energy_efficiency,
+    penalty,
+)
+from orchid_uav.envs.sharing import bandwidth_share
+from orchid_uav.envs.units import linear_to_decibel
+from orchid_uav.envs.users import counter_uniform, reflect_into, reflection_sign
+
+
+def _digest_of_sources() -> str:
+    digest = hashlib.sha256()
+    for path in sorted(Path(__file__).parent.glob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+_SOURCES = _digest_of_sources()
+"""Default of an unused argument of the compiled functions. numba stores compiled code under the
+types of the arguments, which include defaults, and under the file of the function alone: without
+this, an equation changed in another file would go on unchanged in the cache."""
+
+
+@njit(cache=True)
+def step_worlds(
+    constants: Constants,
+    worlds: Worlds,
+    actions: np.ndarray,
+    progress: float,
+    sources: str = _SOURCES,
+) -> None:
+    """Move every world on by one slot, in place.
+
+    Args:
+        constants: of the parameters that the worlds were made with.
+        worlds: B worlds, after :func:`begin_episodes`.
+        actions: (B, N, 4), clipped here to [-1, 1].
+        progress: training progress tau in [0, 1], which sets the weights.
+        sources: not used; see ``_SOURCES``.
+    """
+    ground_squared_m2 = _scratch(worlds)
+    for world in range(len(worlds.slot)):
+        _move_uavs(constants, worlds, world, actions[world])
+        if constants.user_speed_mps > 0.0:
+            _move_users(constants, worlds, world)
+            _count_users(constants, worlds, world)
+        worlds.slot[world] += 1
+        _serve(constants, worlds, world, ground_squared_m2)
+        _watch_constraints(constants, worlds, world)
+        _score(constants, worlds, world, progress)
+        _observe(constants, worlds, world)
+
+
+@njit(cache=True)
+def begin_episodes(
+    constants: Constants, worlds: Worlds, chosen: np.ndarray, sources: str = _SOURCES
+) -> None:
+    """Serve users and observe at slot 0, after new positions were written into ``chosen`` worlds.
+
+    Args:
+        constants: of the parameters that the worlds were made with.
+        worlds: B worlds.
+        chosen: indices of the worlds that begin, int64.
+        sources: not used; see ``_SOURCES``.
+    """
+    ground_squared_m2 = _scratch(worlds)
+    for world in chosen:
+        worlds.slot[world] = 0
+        worlds.user_velocities_mps[world] = 0.0
+        worlds.velocities_mps[world] = 0.0
+        worlds.left_flight_box[world] = False
+        _count_users(constants, worlds, world)
+        _serve(constants, worlds, world, ground_squared_m2)
+        _watch_constraints(constants, worlds, world)
+        worlds.violation_slots[world] = 0
+        _score(constants, worlds, world, 0.0)
+        worlds.episode_sums[world] = 0.0
+        _observe(constants, worlds, world)
+
+
+@njit
+def _scratch(worlds):
+    users = worlds.users_m.shape[2]
+    uavs = worlds.positions_m.shape[1]
+    return np.empty((uavs, users))
+
+
+@njit
+def _move_uavs(constants, worlds, world, actions):
+    """Kinematics and power control, Sections III-B and IV-C2; decisions M5, M25."""
+    area_m, slot_s = constants.area_m, constants.slot_s
+    scale_x_m, scale_y_m, scale_z_m = constants.displacement_scale_m
+    for uav in range(len(actions)):
+        dx = clipped(actions[uav, 0], -1.0, 1.0) * scale_x_m
+        dy = clipped(actions[uav, 1], -1.0, 1.0) * scale_y_m
+        dz = clipped(actions[uav, 2], -1.0, 1.0) * scale_z_m
+        length_m = np.sqrt(dx * dx + dy * dy + dz * dz)
+        factor = displacement_factor(length_m, constants.max_displacement_m)
+        position = worlds.positions_m[world, uav]
+        x_m = position[0] + dx * factor
+        y_m = position[1] + dy * factor
+        z_m = position[2] + dz * factor
+        worlds.left_flight_box[world, uav] = (
+            is_outside(x_m, 0.0, area_m)
+            or is_outside(y_m, 0.0, area_m)
+            or is_outside(z_m, constants.min_altitude_m, constants.max_altitude_m)
+        )
+        x_m = clipped(x_m, 0.0, area_m)
+        y_m = clipped(y_m, 0.0, area_m)
+        z_m = clipped(z_m, constants.min_altitude_m, constants.max_altitude_m)
+        velocity = worlds.velocities_mps[world, uav]
+        velocity[0] = (x_m - position[0]) / slot_s
+        velocity[1] = (y_m - position[1]) / slot_s
+        velocity[2] = (z_m - position[2]) / slot_s
+        position[0], position[1], position[2] = x_m, y_m, z_m
+        power_w = worlds.transmit_powers_w[world, uav]
+        power_w += constants.power_step_w * clipped(actions[uav, 3], -1.0, 1.0)
+        worlds.transmit_powers_w[world, uav] = clipped(
+            power_w, constants.min_transmit_power_w, constants.max_transmit_power_w
+        )
+
+
+@njit
+def _move_users(constants, worlds, world):
+    """Random walk with reflection; speed and heading are held for some slots (M16)."""
+    users = worlds.users_m.shape[2]
+    slot = worlds.slot[world]
+    velocities = worlds.user_velocities_mps[world]
+    if slot % constants.heading_hold_slots == 0:
+        key = worlds.walk_key[world]
+        first = np.uint64(slot // constants.heading_hold_slots * 2 * users)
+        for user in range(users):
+            counter = first + np.uint64(2 * user)
+            speed_mps = constants.user_speed_mps * counter_uniform(key, counter)
+            heading = 2.0 * np.pi * counter_uniform(key, counter + np.uint64(1))
+            velocities[0, user] = speed_mps * np.cos(heading)
+            velocities[1, user] = speed_mps * np.sin(heading)
+    for axis in range(2):
+        for user in range(users):
+            wanted_m = worlds.users_m[world, axis, user] + velocities[axis, user] * constants.slot_s
+            worlds.users_m[world, axis, user] = reflect_into(wanted_m, constants.area_m)
+            velocities[axis, user] *= reflection_sign(wanted_m, constants.area_m)
+
+
+@njit
+def _count_users(constants, worlds, world):
+    """u_dist: the users' histogram, normalised to sum 1, into its place in the state (M19)."""
+    uavs, users = worlds.positions_m.shape[1], worlds.users_m.shape[2]
+    first = uavs * worlds.observations.shape[2]
+    histogram = worlds.states[world, first : first + HISTOGRAM_CELLS * HISTOGRAM_CELLS]
+    histogram[:] = 0.0
+    cells_per_m = HISTOGRAM_CELLS / constants.area_m
+    for user in range(users):
+        column = min(int(worlds.users_m[world, 0, user] * cells_per_m), HISTOGRAM_CELLS - 1)
+        row = min(int(worlds.users_m[world, 1, user] * cells_per_m), HISTOGRAM_CELLS - 1)
+        histogram[column * HISTOGRAM_CELLS + row] += 1.0
+    histogram /= users
+
+
+@njit
+def _serve(constants, worlds, world, ground_squared_m2):
+    """Association by strongest received power, loads, shares and rates (Section III-D; M11, M12).
+
+    ``ground_squared_m2`` (N, M) is scratch.
+    """
+    users = worlds.users_m.shape[2]
+    uavs = worlds.positions_m.shape[1]
+    loads = worlds.loads[world]
+    loads[:] = 0
+    cell_sum, cell_inverse_sum = np.zeros(uavs), np.zeros(uavs)
+    positions_m, powers_w = worlds.positions_m[world], worlds.transmit_powers_w[world]
+    _measure_distances(worlds, world, ground_squared_m2)
+    for user in range(users):
+        worlds.association[world, user] = -1
+        worlds.spectral_efficiency[world, user] = 0.0
+        worlds.rates_bps[world, user] = 0.0
+        if not worlds.target_users[world, user]:
+            continue
+        uav, power_w = _strongest_uav(
+            positions_m, powers_w, ground_squared_m2[:, user], constants.link, constants.access_gain_db
+        )
+        snr = power_w / constants.access_noise_power_w
+        if snr >= constants.required_snr:
+            efficiency = spectral_efficiency(snr)
+            worlds.association[world, user] = uav
+            worlds.spectral_efficiency[world, user] = efficiency
+            loads[uav] += 1
+            cell_sum[uav] += efficiency
+            cell_inverse_sum[uav] += 1.0 / efficiency
+    for user in range(users):
+        uav = worlds.association[world, user]
+        if uav >= 0:
+            efficiency = worlds.spectral_efficiency[world, user]
+            share = bandwidth_share(
+                constants.share_rule, efficiency, loads[uav], cell_sum[uav], cell_inverse_sum[uav]
+            )
+            worlds.rates_bps[world, user] = share * constants.bandwidth_hz * efficiency
+
+
+@njit
+def _measure_distances(worlds, world, ground_squared_m2):
+    """Squared horizontal distance of every UAV and user, and each UAV's nearest user."""
+    uavs, users = ground_squared_m2.shape
+    x_m, y_m = worlds.users_m[world, 0], worlds.users_m[world, 1]
+    for uav in range(uavs):
+        uav_x_m, uav_y_m = worlds.positions_m[world, uav, 0], worlds.positions_m[world, uav, 1]
+        row = ground_squared_m2[uav]
+        for user in range(users):
+            dx, dy = x_m[user] - uav_x_m, y_m[user] - uav_y_m
+            row[user] = dx * dx + dy * dy
+        nearest = np.inf
+        for user in range(users):
+            nearest = min(nearest, row[user])
+        worlds.nearest_user_m[world, uav] = np.sqrt(nearest)
+
+
+@njit
+def _strongest_uav(positions_m, powers_w, ground_squared_m2, link, antenna_gain_db):
+    """The UAV that a user receives best, the first of equals, and the received power in W.
+
+    With a monotone loss a UAV that is no nearer (distances weighted by power) and seen no higher
+    than another cannot be received better. Beginning with the nearest, that rules out most UAVs
+    before any logarithm or exponential is taken.
+
+    The arguments are few on purpose: each call passing all constants and arrays along costs more
+    than the equations. ``positions_m`` (N, 3), ``powers_w`` (N,), ``ground_squared_m2`` (N,).
+    """
+    nearest, nearness, elevation = 0, -1.0, 0.0
+    for uav in range(len(powers_w)):
+        altitude_squared = positions_m[uav, 2] * positions_m[uav, 2]
+        distance_squared = ground_squared_m2[uav] + altitude_squared
+        if powers_w[uav] > nearness * distance_squared:
+            nearest = uav
+            nearness = powers_w[uav] / distance_squared
+            elevation = altitude_squared / distance_squared
+    best, best_power_w = nearest, 0.0
+    for step in range(-1, len(powers_w)):
+        uav = nearest if step < 0 else step
+        if step >= 0:
+            altitude_squared = positions_m[uav, 2] * positions_m[uav, 2]
+            is_lower = altitude_squared <= elevation * (ground_squared_m2[uav] + altitude_squared)
+            if uav == nearest or (LOSS_IS_MONOTONE and is_lower):
+                continue
+        path_loss_db = air_to_ground_path_loss_db(
+            np.sqrt(ground_squared_m2[uav]), positions_m[uav, 2], *link
+        )
+        power_w = received_power_w(powers_w[uav], antenna_gain_db, path_loss_db)
+        if power_w > best_power_w or (power_w == best_power_w and uav < best):
+            best, best_power_w = uav, power_w
+    return best, best_power_w
+
+
+@njit
+def _watch_constraints(constants, worlds, world):
+    """Collisions, backhaul and the count of slots with a violation (M17)."""
+    positions_m = worlds.positions_m[world]
+    uavs = len(positions_m)
+    gbs_x_m, gbs_y_m, gbs_z_m = constants.gbs_position_m
+    worlds.close_uavs[world] = 0
+    limit_squared = constants.min_separation_m * constants.min_separation_m
+    for uav in range(uavs):
+        for other in range(uav):
+            dx = positions_m[uav, 0] - positions_m[other, 0]
+            dy = positions_m[uav, 1] - positions_m[other, 1]
+            dz = positions_m[uav, 2] - positions_m[other, 2]
+            if dx * dx + dy * dy + dz * dz < limit_squared:
+                worlds.close_uavs[world, uav] += 1
+                worlds.close_uavs[world, other] += 1
+    for uav in range(uavs):
+        dx = positions_m[uav, 0] - gbs_x_m
+        dy = positions_m[uav, 1] - gbs_y_m
+        dz = positions_m[uav, 2] - gbs_z_m
+        snr = backhaul_snr(
+            np.sqrt(dx * dx + dy * dy + dz * dz),
+            constants.gbs_transmit_power_w,
+            constants.backhaul_gain_db,
+            constants.carrier_frequency_hz,
+            constants.backhaul_noise_power_w,
+        )
+        snr_db = linear_to_decibel(snr)
+        worlds.backhaul_snr_db[world, uav] = snr_db
+        worlds.weak_backhaul[world, uav] = snr_db < constants.backhaul_required_snr_db
+        violations = worlds.violation_slots[world, uav]
+        violations[0] += worlds.close_uavs[world, uav] > 0
+        violations[1] += worlds.left_flight_box[world, uav]
+        violations[2] += worlds.weak_backhaul[world, uav]
+
+
+@njit
+def _score(constants, worlds, world, progress):
+    """Figures of the slot and every UAV's reward (Section IV-C3, V-B; decisions M7 to M14)."""
+    uavs = worlds.positions_m.shape[1]
+    users = worlds.users_m.shape[2]
+    target_count, served_count = 0, 0
+    sum_rate, sum_rate_squared, worst_rate, log_utility = 0.0, 0.0, np.inf, 0.0
+    for user in range(users):
+        if worlds.target_users[world, user]:
+            rate = worlds.rates_bps[world, user]
+            target_count += 1
+            served_count += worlds.association[world, user] >= 0
+            sum_rate += rate
+            sum_rate_squared += rate * rate
+            worst_rate = min(worst_rate, rate)
+            if constants.rewards_log_rates:
+                log_utility += log_rate_utility(
+                    rate, constants.log_rate_floor_bps, constants.best_rate_bps
+                )
+    load_squared, propulsion_w, transmit_w = 0.0, 0.0, 0.0
+    for uav in range(uavs):
+        load_squared += worlds.loads[world, uav] * worlds.loads[world, uav]
+        propulsion_w += _propulsion_power_w(constants, worlds.velocities_mps[world, uav])
+        transmit_w += worlds.transmit_powers_w[world, uav]
+
+    coverage = coverage_ratio(served_count, target_count)
+    efficiency = energy_efficiency(sum_rate, propulsion_w + transmit_w, constants.power_epsilon_w)
+    rate_jfi = jain_index_from_sums(sum_rate, sum_rate_squared, served_count)
+    load_jfi = jain_index_from_sums(float(served_count), load_squared, uavs)
+    metrics = worlds.metrics[world]
+    metrics[COVERAGE] = coverage
+    metrics[ENERGY_EFFICIENCY] = efficiency
+    metrics[RATE_JFI] = rate_jfi
+    metrics[LOAD_JFI] = load_jfi
+    metrics[WORST_RATE] = worst_rate if target_count > 0 else 0.0
+    metrics[SUM_RATE] = sum_rate
+    metrics[PROPULSION_POWER] = propulsion_w
+    metrics[COLLISIONS] = worlds.close_uavs[world].sum() / 2
+    metrics[BOUNDARY_VIOLATIONS] = worlds.left_flight_box[world].sum()
+    metrics[BACKHAUL_VIOLATIONS] = worlds.weak_backhaul[world].sum()
+
+    rate_term = log_utility / max(target_count, 1) if constants.rewards_log_rates else rate_jfi
+    shared = composite_reward(
+        constants.coverage_weight,
+        linear_schedule(*constants.efficiency_weight, progress),
+        linear_schedule(*constants.load_fairness_weight, progress),
+        linear_schedule(*constants.rate_fairness_weight, progress),
+        coverage,
+        normalised_energy_efficiency(efficiency, constants.efficiency_scale_bit_per_joule),
+        load_jfi,
+        rate_term,
+    )
+    penalty_weight = linear_schedule(*constants.penalty_weight, progress)
+    backhaul_penalty = linear_schedule(*constants.backhaul_penalty, progress)
+    for uav in range(uavs):
+        worlds.rewards[world, uav] = shared - penalty_weight * penalty(
+            worlds.close_uavs[world, uav],
+            worlds.left_flight_box[world, uav],
+            worlds.weak_backhaul[world, uav],
+            constants.collision_penalty,
+            constants.boundary_penalty,
+            backhaul_penalty,
+        )
+    sums = worlds.episode_sums[world]
+    sums[0] += worlds.rewards[world].sum() / uavs
+    sums[1:] += metrics
+
+
+@njit
+def _propulsion_power_w(constants, velocity):
+    speed_mps = np.sqrt(
+        velocity[0] * velocity[0] + velocity[1] * velocity[1] + velocity[2] * velocity[2]
+    )
+    power_w = propulsion_power_w(speed_mps, *constants.rotor)
+    return power_w + climb_power_w(velocity[2], constants.climbing_mass_kg)
+
+
+@njit
+def _observe(constants, worlds, world):
+    """Every UAV's observation, and the state but for u_dist (M18, M19)."""
+    area_m = constants.area_m
+    uavs, users = worlds.positions_m.shape[1], worlds.users_m.shape[2]
+    past_slots = max(worlds.slot[world], 1)
+    for uav in range(uavs):
+        x_m, y_m, z_m = worlds.positions_m[world, uav]
+        altitude = relative(z_m, constants.min_altitude_m, constants.max_altitude_m)
+        seen = worlds.observations[world, uav]
+        seen[0] = x_m / area_m
+        seen[1] = y_m / area_m
+        seen[2] = altitude
+        seen[3] = relative(
+            worlds.transmit_powers_w[world, uav],
+            constants.min_transmit_power_w,
+            constants.max_transmit_power_w,
+        )
+        seen[4] = worlds.nearest_user_m[world, uav] / area_m
+        seen[5] = worlds.loads[world, uav] / users
+        seen[6] = x_m / area_m
+        seen[7] = 1.0 - x_m / area_m
+        seen[8] = y_m / area_m
+        seen[9] = 1.0 - y_m / area_m
+        seen[10] = altitude
+        seen[11] = 1.0 - altitude
+        for kind in range(3):
+            seen[12 + kind] = worlds.violation_slots[world, uav, kind] / past_slots
+        margin_db = worlds.backhaul_snr_db[world, uav] - constants.backhaul_required_snr_db
+        seen[15] = margin_db / BACKHAUL_SCALE_DB
+    state = worlds.states[world]
+    size = worlds.observations.shape[2]
+    for uav in range(uavs):
+        state[uav * size : (uav + 1) * size] = worlds.observations[world, uav]
+    state[-1] = worlds.metrics[world, RATE_JFI]

@@ -1,0 +1,30 @@
+"""Jain's fairness index (Section IV-C3c and d)."""
+
+import numpy as np
+from numba.extending import register_jitable
+from numpy.typing import ArrayLike
+
+_SMALLEST_NORMAL = float(np.finfo(np.float64).tiny)
+
+
+@register_jitable
+def jain_index_from_sums(total, total_of_squares, count):
+    """J = (sum x)^2 / (n sum x^2) from the sums over n = ``count`` values.
+
+    0 for an empty or all-zero set, so that serving nobody is never fair (decision M14): there the
+    numerator is 0 and the smallest normal number stands in for the denominator.
+    """
+    return total * total / np.maximum(count * total_of_squares, _SMALLEST_NORMAL)
+
+
+def jain_index(values: ArrayLike, where: ArrayLike | None = None) -> float:
+    """Jain's index of the values, those with ``where`` True if it is given: in [1/n, 1].
+
+    Args:
+        values: non-negative numbers, any shape.
+        where: booleans of the same shape; True for the values that count.
+    """
+    chosen = np.asarray(values, dtype=float)
+    if where is not None:
+        chosen = chosen[np.asarray(where, dtype=bool)]
+    return float(jain_index_from_sums(chosen.sum(), (chosen * chosen).sum(), chosen.size))

@@ -1,0 +1,30 @@
+"""How a UAV moves within a slot (Section III-B, IV-C2; decisions M5 and M25)."""
+
+import numpy as np
+from numba.extending import register_jitable
+
+_SMALLEST_NORMAL = float(np.finfo(np.float64).tiny)
+
+
+@register_jitable
+def displacement_factor(length_m, max_length_m):
+    """Factor in [0, 1] that scales a wanted displacement down to V_max delta_t where longer (M5)."""
+    return max_length_m / np.maximum(length_m, max_length_m)
+
+
+@register_jitable
+def clipped(value, low, high):
+    """``value`` kept inside [``low``, ``high``]."""
+    return np.minimum(np.maximum(value, low), high)
+
+
+@register_jitable
+def is_outside(value, low, high):
+    """Whether ``value`` lies outside [``low``, ``high``]."""
+    return (value < low) | (value > high)
+
+
+@register_jitable
+def relative(value, low, high):
+    """Where ``value`` lies in [``low``, ``high``], as 0..1; 0 if the interval has no extent."""
+    return (value - low) / np.maximum(high - low, _SMALLEST_NORMAL)

@@ -1,0 +1,39 @@
+"""Names of the figures reported per slot and per episode, in the order of their columns."""
+
+REWARD = "reward"
+"""Reward averaged over UAVs."""
+
+SLOT_METRICS = (
+    "coverage",
+    "energy_efficiency_bit_per_joule",
+    "rate_jfi",
+    "load_jfi",
+    "worst_rate_bps",
+    "sum_rate_bps",
+    "propulsion_power_w",
+    "collisions",
+    "boundary_violations",
+    "backhaul_violations",
+)
+"""Fleet figures of a slot. Rates and power are sums over the fleet but for the worst user's rate;
+collisions count pairs, the two kinds of violations UAVs."""
+
+EPISODE_METRICS = (REWARD, *SLOT_METRICS)
+"""An episode's figures: the reward is summed over slots."""
+
+SUMMED_OVER_SLOTS = frozenset({REWARD, "collisions", "boundary_violations", "backhaul_violations"})
+"""Episode figures that are sums over slots; the others are means over slots."""
+
+(
+    COVERAGE,
+    ENERGY_EFFICIENCY,
+    RATE_JFI,
+    LOAD_JFI,
+    WORST_RATE,
+    SUM_RATE,
+    PROPULSION_POWER,
+    COLLISIONS,
+    BOUNDARY_VIOLATIONS,
+    BACKHAUL_VIOLATIONS,
+) = range(len(SLOT_METRICS))
+"""Columns of a slot's figures, for the compiled step."""

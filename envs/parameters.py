@@ -1,0 +1,343 @@
+"""Table I of the paper, and what it leaves open, as one validated and frozen object.
+
+The sections are those of the configuration file, the field names its keys. A field's docstring is
+its description everywhere: here, in ``orchid config show --help`` and in docs/configuration.md.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from orchid_uav.envs.units import dbm_to_watt, decibel_to_linear
+
+Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
+Pair = tuple[NotNegative, NotNegative]
+
+
+class Section(BaseModel):
+    """One section of the configuration: frozen, without unknown keys, all numbers finite."""
+
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True
+    )
+
+
+class NetworkParameters(Section):
+    """The area, its users, and how long an episode is."""
+
+    area_m: Positive = 2000.0
+    """Side D of the square service area."""
+    user_count: Annotated[int, Field(ge=2)] = 100
+    """Ground users M; at least one more than UAVs."""
+    uav_count: Annotated[int, Field(ge=1)] = 6
+    """UAVs N."""
+    total_bandwidth_hz: Positive | None = None
+    """If set, every UAV gets B = B_total / N instead of `subband_bandwidth_hz` (M2)."""
+    subband_bandwidth_hz: Positive = 10e6
+    """Sub-band B of each UAV (M2)."""
+    distribution: Literal["tcp", "uniform"] = "tcp"
+    """Where users are: a Thomas cluster process (M6) or uniform over the area."""
+    hotspot_count: Annotated[int, Field(ge=1)] = 5
+    """Parent points K_p of the Thomas process."""
+    scatter_std_m: NotNegative = 150.0
+    """Standard deviation of users around their parent point, per axis."""
+    sensing_error_std_m: NotNegative = 0.0
+    """Standard deviation of the error on the user positions that Phase I sees, per axis (M29)."""
+    user_speed_mps: NotNegative = 0.0
+    """Greatest speed of the users' random walk; 0 keeps them still (M16)."""
+    heading_hold_s: Positive = 1.0
+    """How long a user keeps its speed and heading (M16)."""
+    slot_s: Positive = 1.0
+    """Duration of a time slot."""
+    episode_slots: Annotated[int, Field(ge=1)] = 200
+    """Slots T of an episode, a time limit (M15)."""
+
+    @model_validator(mode="after")
+    def _enough_users(self) -> NetworkParameters:
+        if self.user_count < self.uav_count + 1:
+            raise ValueError(
+                f"user_count is {self.user_count}, but K-Means into uav_count + 1 clusters needs "
+                f"at least {self.uav_count + 1} users"
+            )
+        return self
+
+
+class UavParameters(Section):
+    """What a UAV may do."""
+
+    initial_altitude_m: Positive = 100.0
+    """Altitude H_init at which an episode begins."""
+    min_altitude_m: Positive = 80.0
+    """Lowest altitude H_min."""
+    max_altitude_m: Positive = 120.0
+    """Highest altitude H_max."""
+    max_speed_mps: Positive = 15.0
+    """Greatest 3-D speed V_max (M5)."""
+    displacement_scale_m: tuple[NotNegative, NotNegative, NotNegative] = (15.0, 15.0, 5.0)
+    """V_scale: the move per slot that an action of 1 asks for, along x, y, z (M5)."""
+    min_separation_m: NotNegative = 5.0
+    """Safety clearance d_min between two UAVs."""
+    min_transmit_power_w: Positive = 0.1
+    """Least transmit power P_min."""
+    max_transmit_power_w: Positive = 0.2
+    """Greatest transmit power P_max."""
+    initial_transmit_power_w: Positive | None = None
+    """Transmit power at the start of an episode; by default half-way between the limits (M10)."""
+    power_step_w: NotNegative = 0.01
+    """Change of transmit power per slot that an action of 1 asks for, delta_p."""
+    observation: Literal["paper"] = "paper"
+    """What a UAV sees: `paper` is the 16 numbers of Section IV-C1 (M18)."""
+
+    @model_validator(mode="after")
+    def _ordered(self) -> UavParameters:
+        if not self.min_altitude_m <= self.initial_altitude_m <= self.max_altitude_m:
+            raise ValueError(
+                f"initial_altitude_m is {self.initial_altitude_m:g}, outside min_altitude_m.."
+                f"max_altitude_m = {self.min_altitude_m:g}..{self.max_altitude_m:g}"
+            )
+        if not self.min_transmit_power_w <= self.start_power_w <= self.max_transmit_power_w:
+            raise ValueError(
+                f"initial_transmit_power_w is {self.start_power_w:g}, outside min_transmit_power_w"
+                f"..max_transmit_power_w = {self.min_transmit_power_w:g}"
+                f"..{self.max_transmit_power_w:g}"
+            )
+        return self
+
+    @property
+    def start_power_w(self) -> float:
+        """Transmit power at the start of an episode (M10)."""
+        if self.initial_transmit_power_w is None:
+            return 0.5 * (self.min_transmit_power_w + self.max_transmit_power_w)
+        return self.initial_transmit_power_w
+
+
+class RotorParameters(Section):
+    """Aerodynamics of the rotary-wing UAV."""
+
+    blade_profile_power_w: Positive = 79.856
+    """Blade profile power P_0 in hover."""
+    induced_power_w: Positive = 314.15
+    """Induced power P_i in hover."""
+    tip_speed_mps: Positive = 120.0
+    """Tip speed U_tip of the rotor blade."""
+    induced_velocity_mps: Positive = 4.03
+    """Mean rotor induced velocity v_0 in hover."""
+    fuselage_drag_ratio: NotNegative = 0.6
+    """Fuselage drag ratio d_fuse."""
+    air_density_kg_per_m3: Positive = 1.225
+    """Air density rho."""
+    solidity: Positive = 0.05
+    """Rotor solidity s."""
+    disc_area_m2: Positive = 0.503
+    """Rotor disc area A."""
+    climb_power: bool = False
+    """Add m g max(v_z, 0), which the paper's formula leaves out (M24)."""
+    mass_kg: Positive = 4.7
+    """Mass for `climb_power`: P_i of Table I belongs to 4.7 kg, v_0 to 2 kg (M24)."""
+
+    def power_curve(self) -> dict[str, float]:
+        """The keyword arguments of :func:`orchid_uav.envs.propulsion.propulsion_power_w`."""
+        return self.model_dump(exclude={"climb_power", "mass_kg"})
+
+
+class ChannelParameters(Section):
+    """Radio propagation and receiver thresholds."""
+
+    carrier_frequency_hz: Positive = 2.4e9
+    """Carrier frequency f_c."""
+    s_curve_a: Positive = 9.61
+    """S-curve parameter a of the LoS probability."""
+    s_curve_b: Positive = 0.16
+    """S-curve parameter b of the LoS probability."""
+    excess_loss_los_db: float = 1.0
+    """Mean excess loss eta_LoS."""
+    excess_loss_nlos_db: float = 20.0
+    """Mean excess loss eta_NLoS, not below eta_LoS."""
+    noise_density_dbm_per_hz: float = -174.0
+    """Noise power density N_0."""
+    required_snr_db: float = 6.0
+    """SNR Gamma_req from which a user is served (M11)."""
+    access_transmit_gain_dbi: float = 0.0
+    """UAV antenna gain G_tx towards users (M3)."""
+    access_receive_gain_dbi: float = 0.0
+    """User antenna gain G_rx (M3)."""
+    backhaul_bandwidth_hz: Positive = 20e6
+    """Backhaul bandwidth B_BH."""
+    backhaul_required_snr_db: float = 10.0
+    """Least backhaul SNR gamma_th."""
+    backhaul_gbs_gain_dbi: float = 0.0
+    """GBS antenna gain G_GBS on the backhaul (M3)."""
+    backhaul_uav_gain_dbi: float = 0.0
+    """UAV antenna gain G_UAV on the backhaul (M3)."""
+
+    @model_validator(mode="after")
+    def _obstacles_do_not_amplify(self) -> ChannelParameters:
+        if self.excess_loss_nlos_db < self.excess_loss_los_db:
+            raise ValueError(
+                f"excess_loss_nlos_db is {self.excess_loss_nlos_db:g}, below excess_loss_los_db = "
+                f"{self.excess_loss_los_db:g}"
+            )
+        return self
+
+    @property
+    def access_gain_db(self) -> float:
+        """G_tx G_rx in dB."""
+        return self.access_transmit_gain_dbi + self.access_receive_gain_dbi
+
+    @property
+    def backhaul_gain_db(self) -> float:
+        """G_GBS G_UAV in dB."""
+        return self.backhaul_gbs_gain_dbi + self.backhaul_uav_gain_dbi
+
+    def air_to_ground(self) -> dict[str, float]:
+        """The keyword arguments of :func:`orchid_uav.envs.channel.air_to_ground_path_loss_db`."""
+        return self.model_dump(
+            include={
+                "carrier_frequency_hz",
+                "s_curve_a",
+                "s_curve_b",
+                "excess_loss_los_db",
+                "excess_loss_nlos_db",
+            }
+        )
+
+    def noise_power_w(self, bandwidth_hz: float) -> float:
+        """Thermal noise N_0 B in W."""
+        return float(dbm_to_watt(self.noise_density_dbm_per_hz)) * bandwidth_hz
+
+
+class GbsParameters(Section):
+    """The ground base station in the middle of the area, and its users' link (M4)."""
+
+    height_m: Positive = 30.0
+    """Antenna height H_GBS."""
+    transmit_power_dbm: float = 30.0
+    """Transmit power P_GBS."""
+    path_loss_exponent: Positive = 3.5
+    """Exponent beta of the GBS-to-user path loss (M4)."""
+    shadowing_std_db: NotNegative = 8.0
+    """Standard deviation sigma_sh of the shadowing, drawn once per user and episode (M4)."""
+    access_bandwidth_hz: Positive = 10e6
+    """Bandwidth that the GBS divides equally among its users (M4)."""
+
+
+class DeploymentParameters(Section):
+    """Phase I: where UAVs start."""
+
+    init: Literal["kmeans", "random"] = "kmeans"
+    """GBS-aware K-Means++ centroids, or random positions (M28)."""
+    n_init: Annotated[int, Field(ge=1)] = 1
+    """K-Means++ runs, of which the best by WCSS is kept (M27)."""
+
+
+class RewardParameters(Section):
+    """What is rewarded. A pair is a weight's value at training progress 0 and 1."""
+
+    objective: Literal["mmf", "pf"] = "mmf"
+    """MMF: rate JFI and max-min shares; PF: mean log rate and equal shares (M12, M13)."""
+    shares: Literal["mmf", "pf", "se"] | None = None
+    """Bandwidth shares within a cell; by default those of the objective (M12)."""
+    coverage_weight: NotNegative = 0.5
+    """Weight w_1 of coverage."""
+    efficiency_weight: Pair = (0.2, 0.5)
+    """Weight w_2 of the energy efficiency."""
+    load_fairness_weight: Pair = (0.8, 0.5)
+    """Weight w_3 of the load JFI."""
+    rate_fairness_weight: Pair = (0.8, 0.5)
+    """Weight w_4 of the rate term."""
+    penalty_weight: Pair = (0.1, 0.3)
+    """Weight w_5 of the penalties."""
+    collision_penalty: NotNegative = 2.5
+    """Penalty lambda_c per UAV that is too close."""
+    boundary_penalty: NotNegative = 1.0
+    """Penalty lambda_b for a wanted position outside the flight box (M25)."""
+    backhaul_penalty: Pair = (0.0, 45.0)
+    """Penalty lambda_bh for a weak backhaul (M8)."""
+    log_rate_floor_bps: Positive = 10e3
+    """R_lo of the PF reward: the rate that is worth nothing (M13)."""
+    power_epsilon_w: NotNegative = 1e-9
+    """Constant epsilon in the denominator of the energy efficiency."""
+
+    @property
+    def share_rule(self) -> str:
+        """The rule in force: `shares` where given, else the objective's."""
+        return self.shares or self.objective
+
+
+class Parameters(Section):
+    """Everything that defines the simulated network; the defaults are Table I."""
+
+    network: NetworkParameters = NetworkParameters()
+    """Area, users, episode."""
+    uav: UavParameters = UavParameters()
+    """Movement and transmit power."""
+    rotor: RotorParameters = RotorParameters()
+    """Propulsion power."""
+    channel: ChannelParameters = ChannelParameters()
+    """Radio links."""
+    gbs: GbsParameters = GbsParameters()
+    """Ground base station."""
+    deployment: DeploymentParameters = DeploymentParameters()
+    """Phase I."""
+    reward: RewardParameters = RewardParameters()
+    """Reward terms, weights and penalties."""
+
+    @property
+    def bandwidth_hz(self) -> float:
+        """Sub-band B of a UAV (M2)."""
+        if self.network.total_bandwidth_hz is None:
+            return self.network.subband_bandwidth_hz
+        return self.network.total_bandwidth_hz / self.network.uav_count
+
+    @property
+    def access_noise_power_w(self) -> float:
+        """N_0 B of a UAV's sub-band."""
+        return self.channel.noise_power_w(self.bandwidth_hz)
+
+    @property
+    def required_snr(self) -> float:
+        """Gamma_req as a ratio."""
+        return float(decibel_to_linear(self.channel.required_snr_db))
+
+    @property
+    def gbs_position_m(self) -> tuple[float, float, float]:
+        """q_0, the GBS antenna in the middle of the area."""
+        middle_m = 0.5 * self.network.area_m
+        return (middle_m, middle_m, self.gbs.height_m)
+
+    @property
+    def heading_hold_slots(self) -> int:
+        """Slots between two draws of a user's heading, at least 1 (M16)."""
+        return max(1, round(self.network.heading_hold_s / self.network.slot_s))
+
+    def with_overrides(self, overrides: dict[str, Any]) -> Parameters:
+        """A validated copy with some fields replaced.
+
+        Args:
+            overrides: values by ``"section.field"``, or by ``"field"`` where only one section has
+                a field of that name.
+
+        Raises:
+            ValueError: unknown or ambiguous name, or a value that does not fit.
+        """
+        merged = self.model_dump()
+        for name, value in overrides.items():
+            section, field = self.locate(name)
+            merged[section][field] = value
+        return Parameters.model_validate(merged)
+
+    @classmethod
+    def locate(cls, name: str) -> tuple[str, str]:
+        """(section, field) of ``"section.field"`` or of a field name that is unique."""
+        keys = {
+            (section, field)
+            for section, info in cls.model_fields.items()
+            for field in info.default.__class__.model_fields
+        }
+        found = [key for key in keys if name in (key[1], ".".join(key))]
+        if len(found) != 1:
+            raise ValueError(f"'{name}' names {len(found) or 'no'} parameters of the network")
+        return found[0]

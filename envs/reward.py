@@ -1,0 +1,100 @@
+"""Reward terms, weights and penalties of Section IV-C3."""
+
+import numpy as np
+from numba.extending import register_jitable
+
+from orchid_uav.envs.channel import (
+    air_to_ground_path_loss_db,
+    received_power_w,
+    spectral_efficiency,
+)
+from orchid_uav.envs.parameters import Parameters
+from orchid_uav.envs.propulsion import least_power_speed_mps, propulsion_power_w
+
+
+@register_jitable
+def linear_schedule(start, end, progress):
+    """Weight at training progress tau in [0, 1]: from ``start`` to ``end`` in a straight line."""
+    return start + (end - start) * progress
+
+
+@register_jitable
+def coverage_ratio(served_count, target_count):
+    """r^cov, eq. (cov_reward): served over target users; 1 if there is nobody to serve (M14)."""
+    return (served_count + (target_count == 0)) / np.maximum(target_count, 1)
+
+
+@register_jitable
+def energy_efficiency(sum_rate_bps, total_power_w, epsilon_w):
+    """System energy efficiency in bit/J: sum rate over total power, eq. (ee_reward) unnormalised."""
+    return sum_rate_bps / (total_power_w + epsilon_w)
+
+
+@register_jitable
+def normalised_energy_efficiency(efficiency_bit_per_joule, scale_bit_per_joule):
+    """Norm(EE) = EE / EE_max clipped to [0, 1] (decision M7)."""
+    return np.minimum(np.maximum(efficiency_bit_per_joule / scale_bit_per_joule, 0.0), 1.0)
+
+
+@register_jitable
+def log_rate_utility(rate_bps, low_rate_bps, high_rate_bps):
+    """One user's term of the PF reward (M13): log(R/R_lo) / log(R_hi/R_lo) clipped to [0, 1]."""
+    ratio = np.maximum(rate_bps, low_rate_bps) / low_rate_bps
+    return np.minimum(np.log(ratio) / np.log(high_rate_bps / low_rate_bps), 1.0)
+
+
+@register_jitable
+def penalty(
+    close_uav_count,
+    leaves_flight_box,
+    backhaul_is_weak,
+    collision_penalty,
+    boundary_penalty,
+    backhaul_penalty,
+):
+    """r^pen of one UAV, eq. (penalty_reward); the first three are counts or 0/1 indicators."""
+    return (
+        collision_penalty * close_uav_count
+        + boundary_penalty * leaves_flight_box
+        + backhaul_penalty * backhaul_is_weak
+    )
+
+
+@register_jitable
+def composite_reward(
+    coverage_weight,
+    efficiency_weight,
+    load_weight,
+    rate_weight,
+    coverage,
+    efficiency,
+    load_fairness,
+    rate_fairness,
+):
+    """The four shared terms of eq. (hybrid_reward), which are also U_total, eq. (global_utility)."""
+    return (
+        coverage_weight * coverage
+        + efficiency_weight * efficiency
+        + load_weight * load_fairness
+        + rate_weight * rate_fairness
+    )
+
+
+def best_rate_bps(parameters: Parameters) -> float:
+    """Rate of a user straight below a UAV at H_min and P_max that gets the whole sub-band.
+
+    It is R_hi of decision M13 and the numerator of EE_max (M7).
+    """
+    channel, uav = parameters.channel, parameters.uav
+    path_loss_db = air_to_ground_path_loss_db(0.0, uav.min_altitude_m, **channel.air_to_ground())
+    power_w = received_power_w(uav.max_transmit_power_w, channel.access_gain_db, path_loss_db)
+    snr = power_w / parameters.access_noise_power_w
+    return float(parameters.bandwidth_hz * spectral_efficiency(snr))
+
+
+def energy_efficiency_scale(parameters: Parameters) -> float:
+    """EE_max in bit/J (decision M7); about 0.8 Mbit/J at Table I."""
+    speed_mps = least_power_speed_mps(parameters.rotor, parameters.uav.max_speed_mps)
+    least_power_w = propulsion_power_w(speed_mps, **parameters.rotor.power_curve())
+    power_w = least_power_w + parameters.uav.max_transmit_power_w
+    return float(best_rate_bps(parameters) / power_w)

@@ -1,0 +1,29 @@
+"""Conversions between decibels and linear units.
+
+Plain NumPy expressions: scalars and arrays alike, from Python and from compiled code.
+"""
+
+import math
+
+import numpy as np
+from numba.extending import register_jitable
+
+_NATURAL_PER_DECIBEL = math.log(10.0) / 10.0
+
+
+@register_jitable
+def decibel_to_linear(value_db):
+    """Power ratio of a level in dB: 10^(x/10), written with exp because it is several times faster."""
+    return np.exp(value_db * _NATURAL_PER_DECIBEL)
+
+
+@register_jitable
+def linear_to_decibel(ratio):
+    """Level in dB of a power ratio > 0."""
+    return 10.0 * np.log10(ratio)
+
+
+@register_jitable
+def dbm_to_watt(power_dbm):
+    """Power in W of a level in dBm."""
+    return 1e-3 * decibel_to_linear(power_dbm)

@@ -1,0 +1,193 @@
+"""B independent worlds, stepped together."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from orchid_uav.envs import channel
+from orchid_uav.envs.arrays import ACTION_SIZE, Constants, Worlds, state_size
+from orchid_uav.envs.deployment import deploy
+from orchid_uav.envs.dynamics import begin_episodes, step_worlds
+from orchid_uav.envs.metrics import EPISODE_METRICS, REWARD, SLOT_METRICS, SUMMED_OVER_SLOTS
+from orchid_uav.envs.parameters import Parameters
+from orchid_uav.envs.sharing import equal_share
+from orchid_uav.envs.users import check_user_positions, draw_user_positions
+
+_IS_SUMMED = np.array([name in SUMMED_OVER_SLOTS for name in EPISODE_METRICS])
+
+
+def world_seeds(seed: int, worlds: int) -> list[int]:
+    """The seeds of ``worlds`` worlds that belong to one seed.
+
+    World 0 takes ``seed`` itself, so that a batch of one is the single environment with that seed.
+    The others take hashed seeds rather than seed + 1, seed + 2 ..., with which runs of
+    neighbouring seeds would share their worlds. World i's seed does not depend on ``worlds``.
+    """
+    children = np.random.SeedSequence(seed).spawn(worlds)
+    # 63 bits: seeds are stored in JSON and handed to libraries that take signed integers.
+    hashed = [int(child.generate_state(1, np.uint64)[0] >> np.uint64(1)) for child in children]
+    return [seed, *hashed[1:]]
+
+
+class WorldBatch:
+    """B worlds × N UAVs × M users as arrays.
+
+    Every world owns a generator, so given the same actions its course depends on its own seed
+    alone, whatever B is. ``step`` has no Python loop over worlds, UAVs or users; ``reset`` loops
+    over the worlds that begin, as K-Means runs once for each.
+
+    Args:
+        parameters: the network; Table I by default.
+        worlds: number B of worlds.
+        seed: a seed for the batch, from which :func:`world_seeds` makes one per world, or the
+            worlds' own seeds. Without, the worlds are seeded from the operating system.
+        user_positions_m: the caller's own users, (M, 2) in m: every episode begins with them, and
+            their number replaces ``network.user_count``.
+
+    Raises:
+        ValueError: seeds or user positions that do not fit.
+    """
+
+    def __init__(
+        self,
+        parameters: Parameters | None = None,
+        worlds: int = 1,
+        seed: int | Sequence[int] | None = None,
+        user_positions_m: ArrayLike | None = None,
+    ) -> None:
+        parameters = parameters or Parameters()
+        if worlds < 1:
+            raise ValueError(f"worlds is {worlds}: at least 1 is needed")
+        self._given_users_m = None
+        if user_positions_m is not None:
+            self._given_users_m = check_user_positions(user_positions_m, parameters.network)
+            parameters = parameters.with_overrides(
+                {"network.user_count": len(self._given_users_m)}
+            )
+        self.parameters = parameters
+        self.constants = Constants.of(parameters)
+        self.world_count = worlds
+        self.uav_count = parameters.network.uav_count
+        self.user_count = parameters.network.user_count
+        self.state_size = state_size(self.uav_count)
+        self.progress = 0.0
+        self.arrays = Worlds.zeros(worlds, self.uav_count, self.user_count)
+        self._shadowing_db = np.zeros((worlds, self.user_count))
+        self.generators: list[np.random.Generator] = []
+        self.seed(seed)
+
+    def seed(self, seed: int | Sequence[int] | None) -> None:
+        """Give every world a new generator; takes effect at the next reset."""
+        if seed is None:
+            seeds: Sequence[int | None] = [None] * self.world_count
+        elif isinstance(seed, int | np.integer):
+            seeds = world_seeds(int(seed), self.world_count)
+        else:
+            seeds = seed
+        if len(seeds) != self.world_count:
+            raise ValueError(f"{len(seeds)} seeds for {self.world_count} worlds")
+        self.generators = [np.random.default_rng(world_seed) for world_seed in seeds]
+
+    def set_progress(self, progress: float) -> None:
+        """Training progress tau of the weight schedules, clipped to 1 (decision M9)."""
+        if not progress >= 0.0:
+            raise ValueError(f"training progress is {progress}: it lies in [0, 1]")
+        self.progress = min(float(progress), 1.0)
+
+    def reset(self, worlds: ArrayLike | None = None) -> None:
+        """Begin a new episode in the given worlds (indices), or in all: new users, Phase I."""
+        chosen = np.arange(self.world_count) if worlds is None else np.asarray(worlds, np.int64)
+        for world in chosen:
+            self._draw_topology(int(world))
+        begin_episodes(self.constants, self.arrays, chosen)
+
+    def _draw_topology(self, world: int) -> None:
+        parameters, generator = self.parameters, self.generators[world]
+        users_m = self._given_users_m
+        if users_m is None:
+            users_m = draw_user_positions(parameters.network, generator)
+        deployment = deploy(users_m, parameters, generator)
+        arrays = self.arrays
+        arrays.users_m[world] = users_m.T
+        arrays.target_users[world] = deployment.target_users
+        arrays.positions_m[world, :, :2] = deployment.uav_positions_m
+        arrays.positions_m[world, :, 2] = parameters.uav.initial_altitude_m
+        arrays.transmit_powers_w[world] = parameters.uav.start_power_w
+        self._shadowing_db[world] = generator.normal(
+            0.0, parameters.gbs.shadowing_std_db, self.user_count
+        )
+        arrays.walk_key[world] = generator.integers(2**64, dtype=np.uint64)
+
+    def step(self, actions: ArrayLike) -> None:
+        """Move every world on by one slot; the outcome is in ``arrays``.
+
+        Args:
+            actions: (B, N, 4), clipped to [-1, 1]: x, y, z, transmit power.
+
+        Raises:
+            ValueError: wrong shape, or a number that is not finite.
+        """
+        wanted = np.ascontiguousarray(actions, dtype=np.float64)
+        shape = (self.world_count, self.uav_count, ACTION_SIZE)
+        if wanted.shape != shape:
+            raise ValueError(f"actions have shape {wanted.shape}, not (worlds, UAVs, 4) = {shape}")
+        if not np.isfinite(wanted).all():
+            raise ValueError("an action is not a finite number")
+        step_worlds(self.constants, self.arrays, wanted, self.progress)
+
+    @property
+    def finished(self) -> NDArray[np.bool_]:
+        """Worlds whose episode has reached its time limit, (B,)."""
+        return self.arrays.slot >= self.parameters.network.episode_slots
+
+    def episode_metrics(self, world: int) -> dict[str, float]:
+        """An episode's figures so far, by the names of ``EPISODE_METRICS``."""
+        sums = self.arrays.episode_sums[world]
+        slots = max(int(self.arrays.slot[world]), 1)
+        return dict(
+            zip(EPISODE_METRICS, np.where(_IS_SUMMED, sums, sums / slots).tolist(), strict=True)
+        )
+
+    def slot_metrics(self, world: int) -> dict[str, float]:
+        """The last slot's fleet figures, by the names of ``SLOT_METRICS``."""
+        return dict(zip(SLOT_METRICS, self.arrays.metrics[world].tolist(), strict=True))
+
+    def gbs_rates_bps(self) -> NDArray[np.float64]:
+        """Rates (B, M) of the users that the GBS serves, 0 for others (decision M4).
+
+        The GBS's bandwidth is shared equally by those of its users that reach the required SNR.
+        """
+        gbs, radio = self.parameters.gbs, self.parameters.channel
+        horizontal_m = self.arrays.users_m - np.array(self.parameters.gbs_position_m[:2])[:, None]
+        distance_m = np.sqrt((horizontal_m**2).sum(axis=1) + gbs.height_m**2)
+        loss_db = channel.ground_path_loss_db(
+            distance_m, radio.carrier_frequency_hz, gbs.path_loss_exponent, self._shadowing_db
+        )
+        power_w = channel.received_power_w(self.constants.gbs_transmit_power_w, 0.0, loss_db)
+        snr = power_w / radio.noise_power_w(gbs.access_bandwidth_hz)
+        served = ~self.arrays.target_users & (snr >= self.parameters.required_snr)
+        share = equal_share(np.maximum(served.sum(axis=1, keepdims=True), 1))
+        rates = share * gbs.access_bandwidth_hz * channel.spectral_efficiency(snr)
+        return np.where(served, rates, 0.0)
+
+    def snapshot(self, world: int = 0) -> dict[str, NDArray[np.generic] | int]:
+        """Copies of one world's state for renderers and checkers; valid from slot 0 on.
+
+        ``users_m`` (M, 2), ``target_users`` (M,), ``uav_positions_m`` (N, 3),
+        ``uav_velocities_mps`` (N, 3), ``transmit_powers_w`` (N,), ``association`` (M,) with -1
+        where no UAV serves the user, ``rates_bps`` (M,) with the GBS's rates for its users,
+        ``gbs_position_m`` (3,) and ``slot``.
+        """
+        arrays = self.arrays
+        return {
+            "users_m": arrays.users_m[world].T.copy(),
+            "target_users": arrays.target_users[world].copy(),
+            "uav_positions_m": arrays.positions_m[world].copy(),
+            "uav_velocities_mps": arrays.velocities_mps[world].copy(),
+            "transmit_powers_w": arrays.transmit_powers_w[world].copy(),
+            "association": arrays.association[world].copy(),
+            "rates_bps": arrays.rates_bps[world] + self.gbs_rates_bps()[world],
+            "gbs_position_m": np.array(self.parameters.gbs_position_m),
+            "slot": int(arrays.slot[world]),
+        }
