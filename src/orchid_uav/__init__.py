@@ -1,1 +1,17 @@
-"""ORCHID."""
+"""ORCHID: fairness-aware orchestration of UAV base stations.
+
+Importing the package registers the joint problem with Gymnasium:
+``gymnasium.make("orchid/Fleet-v0")`` and ``gymnasium.make_vec("orchid/Fleet-v0", num_envs=8)``.
+"""
+
+from importlib.metadata import version
+
+import gymnasium
+
+__version__ = version("orchid-uav")
+
+gymnasium.register(
+    id="orchid/Fleet-v0",
+    entry_point="orchid_uav.envs.joint:FleetEnv",
+    vector_entry_point="orchid_uav.envs.joint:FleetVectorEnv",
+)

@@ -1,0 +1,111 @@
+"""The fleet as one Gymnasium agent that flies all UAVs: ``orchid/Fleet-v0``."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import ArrayLike, NDArray
+
+from orchid_uav.envs.factory import fleet_parameters
+from orchid_uav.envs.spaces import action_space, observation_space
+from orchid_uav.envs.world import WorldBatch
+
+Rows = NDArray[np.float32]
+
+
+class FleetEnv(gymnasium.Env[Rows, Rows]):
+    """Joint problem: observation (N, 16), action (N, 4), reward the mean over UAVs.
+
+    ``info["metrics"]`` holds the slot's fleet figures, and at the end ``info["episode_metrics"]``
+    the episode's. The keywords are those of :func:`orchid_uav.envs.parallel_env`.
+    """
+
+    metadata = {"render_modes": []}
+
+    def __init__(self, *, render_mode: None = None, **keywords: Any) -> None:
+        self.render_mode = render_mode
+        self.world = WorldBatch(**fleet_parameters(**keywords))
+        self.observation_space = batch_space(observation_space(), self.world.uav_count)
+        self.action_space = batch_space(action_space(), self.world.uav_count)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Rows, dict[str, Any]]:
+        """Draw a new topology and run Phase I; with a seed, the course begins anew."""
+        super().reset(seed=seed)
+        if seed is not None:
+            self.world.seed(seed)
+        self.world.reset()
+        return self.world.arrays.observations[0].copy(), {}
+
+    def step(self, action: ArrayLike) -> tuple[Rows, float, bool, bool, dict[str, Any]]:
+        """Fly one slot."""
+        self.world.step(np.asarray(action)[None])
+        info: dict[str, Any] = {"metrics": self.world.slot_metrics(0)}
+        truncated = bool(self.world.finished[0])
+        if truncated:
+            info["episode_metrics"] = self.world.episode_metrics(0)
+        reward = float(self.world.arrays.rewards[0].mean())
+        return self.world.arrays.observations[0].copy(), reward, False, truncated, info
+
+    def state(self) -> Rows:
+        """Global state for a centralised critic."""
+        return self.world.arrays.states[0].copy()
+
+    def snapshot(self) -> dict[str, Any]:
+        """Copies of the physical state; see :meth:`WorldBatch.snapshot`."""
+        return self.world.snapshot()
+
+    def set_progress(self, progress: float) -> None:
+        """Training progress tau of the weight schedules, kept across resets (default 0)."""
+        self.world.set_progress(progress)
+
+
+class FleetVectorEnv(VectorEnv[Rows, Rows, NDArray[np.float64]]):
+    """Many joint problems stepped as one batch; a finished one begins anew in the same step.
+
+    The last observation of a finished episode is in ``info["final_obs"]``.
+    """
+
+    metadata = {"autoreset_mode": AutoresetMode.SAME_STEP, "render_modes": []}
+
+    def __init__(self, num_envs: int = 1, *, render_mode: None = None, **keywords: Any) -> None:
+        self.num_envs = num_envs
+        self.render_mode = render_mode
+        self.world = WorldBatch(**fleet_parameters(**keywords), worlds=num_envs)
+        self.single_observation_space = batch_space(observation_space(), self.world.uav_count)
+        self.single_action_space = batch_space(action_space(), self.world.uav_count)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Rows, dict[str, Any]]:
+        """Begin an episode in every world; one seed is turned into one per world."""
+        if seed is not None:
+            self.world.seed(seed)
+        self.world.reset()
+        return self.world.arrays.observations.copy(), {}
+
+    def step(
+        self, actions: ArrayLike
+    ) -> tuple[Rows, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+        """Fly one slot in every world."""
+        self.world.step(actions)
+        rewards = self.world.arrays.rewards.mean(axis=1)
+        truncated = self.world.finished
+        info: dict[str, Any] = {}
+        if truncated.any():
+            final_observations = np.empty(self.num_envs, dtype=object)
+            for world in np.flatnonzero(truncated):
+                final_observations[world] = self.world.arrays.observations[world].copy()
+            info = {"final_obs": final_observations, "_final_obs": truncated}
+            self.world.reset(np.flatnonzero(truncated))
+        terminated = np.zeros(self.num_envs, dtype=np.bool_)
+        return self.world.arrays.observations.copy(), rewards, terminated, truncated, info
