@@ -89,9 +89,10 @@ def backhaul_snr(
 ):
     """gamma^BH, linear: free-space link from the GBS to a UAV (Section III-C3).
 
-    ``noise_power_w`` is N_0 B_BH.
+    ``noise_power_w`` is N_0 B_BH. Nearer than 1 m the SNR stays that of 1 m, so that it is finite
+    where a flight box around the GBS lets a UAV meet the antenna.
     """
-    path_loss_db = free_space_path_loss_db(distance_m, carrier_frequency_hz)
+    path_loss_db = free_space_path_loss_db(np.maximum(distance_m, 1.0), carrier_frequency_hz)
     return received_power_w(transmit_power_w, antenna_gain_db, path_loss_db) / noise_power_w
 
 

@@ -1,0 +1,147 @@
+"""The actor as it is deployed: a file of weights, and NumPy to fly with it."""
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from safetensors import SafetensorError, safe_open
+from safetensors.numpy import save
+
+WEIGHTS_FILE = "policy.safetensors"
+DESCRIPTION_FILE = "policy.json"
+_SCHEMA = 1
+
+Floats = NDArray[np.float32]
+
+
+class LocalActor:
+    """tanh(MLP(observation)) with ReLU between layers: the deterministic, decentralised policy.
+
+    Args:
+        layers: (weight (out, in), bias (out,)) of every layer, in order.
+        log_std: log standard deviation (A,) of the noise used in training.
+        description: what ``policy.json`` says of it.
+    """
+
+    def __init__(
+        self,
+        layers: Sequence[tuple[Floats, Floats]],
+        log_std: Floats,
+        description: Mapping[str, Any] | None = None,
+    ) -> None:
+        self._layers = [(np.ascontiguousarray(weight.T), bias) for weight, bias in layers]
+        self.log_std = log_std
+        self.description = dict(description or {})
+        self.observation_size = self._layers[0][0].shape[0]
+        self.action_size = self._layers[-1][0].shape[1]
+
+    def act(self, observation: ArrayLike) -> Floats:
+        """Actions (n, A) in [-1, 1] for local observations (n, O), n being any number of UAVs.
+
+        Raises:
+            ValueError: another shape, or a number that is not finite.
+        """
+        hidden = np.asarray(observation, dtype=np.float32)
+        if hidden.ndim != 2 or hidden.shape[1] != self.observation_size:
+            raise ValueError(
+                f"observations have shape {hidden.shape}, not (UAVs, {self.observation_size})"
+            )
+        if not np.isfinite(hidden).all():
+            raise ValueError("an observation is not a finite number")
+        for weight, bias in self._layers[:-1]:
+            hidden = np.maximum(hidden @ weight + bias, 0.0)
+        weight, bias = self._layers[-1]
+        return cast(Floats, np.tanh(hidden @ weight + bias))
+
+
+def policy_files(
+    layers: Sequence[tuple[Floats, Floats]], log_std: Floats, description: Mapping[str, Any]
+) -> dict[str, bytes]:
+    """Names and contents of the files that :func:`load_policy` reads."""
+    tensors = {"log_std": log_std}
+    for index, (weight, bias) in enumerate(layers):
+        tensors[f"actor.{index}.weight"] = np.ascontiguousarray(weight, dtype=np.float32)
+        tensors[f"actor.{index}.bias"] = np.ascontiguousarray(bias, dtype=np.float32)
+    weights = save(tensors)
+    sizes = [layers[0][0].shape[1], *(len(bias) for _, bias in layers)]
+    record = {
+        "schema": _SCHEMA,
+        "kind": "actor",
+        "layer_sizes": sizes,
+        "hidden_activation": "relu",
+        "output_activation": "tanh",
+        **description,
+        "sha256": hashlib.sha256(weights).hexdigest(),
+    }
+    return {WEIGHTS_FILE: weights, DESCRIPTION_FILE: (json.dumps(record, indent=2) + "\n").encode()}
+
+
+def load_policy(path: str | Path) -> LocalActor:
+    """The actor of a run directory or of a ``policy.safetensors``; nothing is unpickled.
+
+    Raises:
+        FileNotFoundError: a file is missing.
+        ValueError: a file is damaged, or the two do not belong together.
+    """
+    weights_path = Path(path)
+    if weights_path.is_dir():
+        weights_path = weights_path / WEIGHTS_FILE
+    description_path = weights_path.with_suffix(".json")
+    for needed in (weights_path, description_path):
+        if not needed.is_file():
+            raise FileNotFoundError(f"no such file: {needed}")
+    description = _read_description(description_path)
+    if hashlib.sha256(weights_path.read_bytes()).hexdigest() != description["sha256"]:
+        raise ValueError(f"{weights_path} is not what {description_path.name} describes (sha256)")
+    sizes = description["layer_sizes"]
+    shapes: dict[str, list[int]] = {"log_std": [sizes[-1]]}
+    for index, (inputs, outputs) in enumerate(zip(sizes[:-1], sizes[1:], strict=True)):
+        shapes[f"actor.{index}.weight"] = [outputs, inputs]
+        shapes[f"actor.{index}.bias"] = [outputs]
+    tensors = _read_tensors(weights_path, shapes)
+    layers = [
+        (tensors[f"actor.{index}.weight"], tensors[f"actor.{index}.bias"])
+        for index in range(len(sizes) - 1)
+    ]
+    return LocalActor(layers, tensors["log_std"], description)
+
+
+def _read_description(path: Path) -> dict[str, Any]:
+    try:
+        description = json.loads(path.read_text(encoding="utf-8"))
+        sizes = description["layer_sizes"]
+        known = (
+            description["schema"] == _SCHEMA
+            and isinstance(description["sha256"], str)
+            and (description["hidden_activation"], description["output_activation"])
+            == ("relu", "tanh")
+            and len(sizes) >= 2
+            and all(isinstance(size, int) and 0 < size <= 65536 for size in sizes)
+        )
+    except (ValueError, KeyError, TypeError) as error:
+        raise ValueError(f"{path} does not describe a policy: {error!r}") from error
+    if not known:
+        raise ValueError(f"{path} describes a policy of a kind or schema unknown here")
+    return cast(dict[str, Any], description)
+
+
+def _read_tensors(path: Path, shapes: Mapping[str, list[int]]) -> dict[str, Floats]:
+    """The named tensors, after names, shapes and types were found right in the file's header."""
+    try:
+        with safe_open(path, framework="numpy") as file:
+            if set(file.keys()) != set(shapes):
+                raise ValueError(f"{path} holds other tensors than its description says")
+            for name, shape in shapes.items():
+                header = file.get_slice(name)
+                if header.get_shape() != shape or header.get_dtype() != "F32":
+                    raise ValueError(f"{path}: {name} is not float32 of shape {shape}")
+            tensors = {name: file.get_tensor(name) for name in shapes}
+    except SafetensorError as error:
+        raise ValueError(f"{path} is not a readable safetensors file: {error}") from error
+    if not all(np.isfinite(tensor).all() for tensor in tensors.values()):
+        raise ValueError(f"{path} holds numbers that are not finite")
+    return tensors

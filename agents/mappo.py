@@ -1,0 +1,279 @@
+"""Multi-agent PPO with a centralised critic on top of SB3's PPO (Section IV-C4)."""
+
+import warnings
+from typing import Any, ClassVar
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from stable_baselines3 import PPO
+from stable_baselines3.common.buffers import RolloutBuffer
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.policies import BasePolicy
+from stable_baselines3.common.type_aliases import GymEnv, Schedule
+from stable_baselines3.common.utils import FloatSchedule, explained_variance
+from stable_baselines3.common.vec_env import VecEnv
+from torch.nn import functional
+
+from orchid_uav.agents.policies import CentralizedCriticPolicy
+from orchid_uav.agents.rollout import CentralizedRolloutBuffer, MiniBatch
+
+_ROWS_PER_FORWARD = 8192
+"""Rows of one forward pass without gradients, which bounds the memory of large batches."""
+
+
+class MAPPO(PPO):
+    """PPO with one actor shared by all agents and a critic that sees the global state.
+
+    Runs on any SB3 ``VecEnv`` whose observations are {"observation", "state"} and whose rows are
+    ordered world by world: :func:`orchid_uav.envs.make_vec_env`, or any PettingZoo environment
+    through :func:`orchid_uav.envs.make_supersuit_vec_env`.
+
+    What differs from SB3's PPO: the critic's own learning rate, gradients of actor and critic
+    clipped each by itself (else the scale of the rewards decides how much of the actor's gradient
+    is left), the value of a state computed once per world and step, after the rollout, and a
+    sample budget that is never exceeded: where fewer episodes are left than worlds, the surplus
+    worlds' rows are neither counted nor learned from (decision M33). ``total_timesteps`` counts
+    rows, that is agent steps.
+
+    Args:
+        policy: "CentralizedCriticPolicy" or a subclass of it.
+        env: the vector environment; its attribute ``agents_per_world``, if it has one, says how
+            many rows share a state.
+        learning_rate: of the actor, eta_actor.
+        critic_learning_rate: of the critic, eta_critic.
+        n_steps: steps per rollout and world; an episode by default.
+        kwargs: further arguments of SB3's PPO.
+    """
+
+    policy: CentralizedCriticPolicy
+    rollout_buffer: CentralizedRolloutBuffer
+    policy_aliases: ClassVar[dict[str, type[BasePolicy]]] = {
+        "CentralizedCriticPolicy": CentralizedCriticPolicy
+    }
+
+    def __init__(
+        self,
+        policy: str | type[CentralizedCriticPolicy],
+        env: GymEnv | str,
+        learning_rate: float | Schedule = 1e-4,
+        critic_learning_rate: float | Schedule = 1e-3,
+        n_steps: int = 200,
+        batch_size: int = 128,
+        n_epochs: int = 4,
+        ent_coef: float = 0.01,
+        device: torch.device | str = "cpu",
+        _init_setup_model: bool = True,
+        **kwargs: Any,
+    ) -> None:
+        self.critic_learning_rate = critic_learning_rate
+        self.learning_rate_scale = 1.0
+        """Factor on both learning rates; Reset-and-Finetune lowers it."""
+        with warnings.catch_warnings():
+            # A rollout of T·N samples is what the paper updates on, whether 128 divides it or not.
+            warnings.filterwarnings("ignore", message=".*truncated mini-batch.*")
+            super().__init__(
+                policy,
+                env,
+                learning_rate=learning_rate,
+                n_steps=n_steps,
+                batch_size=batch_size,
+                n_epochs=n_epochs,
+                ent_coef=ent_coef,
+                device=device,
+                rollout_buffer_class=CentralizedRolloutBuffer,
+                _init_setup_model=_init_setup_model,
+                **kwargs,
+            )
+
+    def _setup_model(self) -> None:
+        self.agents_per_world = 1
+        if self.env is not None and self.env.has_attr("agents_per_world"):
+            self.agents_per_world = int(self.env.get_attr("agents_per_world", [0])[0])
+        self.rollout_buffer_kwargs = {"agents_per_world": self.agents_per_world}
+        super()._setup_model()
+        self._update_learning_rate(self.policy.optimizer)
+
+    def _setup_lr_schedule(self) -> None:
+        super()._setup_lr_schedule()
+        self.critic_lr_schedule = FloatSchedule(self.critic_learning_rate)
+
+    @property
+    def learning_rates(self) -> tuple[float, float]:
+        """The actor's and the critic's learning rates in force."""
+        progress = self._current_progress_remaining
+        return (
+            self.lr_schedule(progress) * self.learning_rate_scale,
+            self.critic_lr_schedule(progress) * self.learning_rate_scale,
+        )
+
+    @property
+    def optimizers(self) -> list[torch.optim.Optimizer]:
+        """All optimizers; Reset-and-Finetune clears their states."""
+        return [self.policy.optimizer]
+
+    def _update_learning_rate(
+        self, optimizers: list[torch.optim.Optimizer] | torch.optim.Optimizer
+    ) -> None:
+        """Give each parameter group its own rate; SB3 would give all of them the first one."""
+        for group, rate in zip(
+            self.policy.optimizer.param_groups, self.learning_rates, strict=True
+        ):
+            group["lr"] = rate
+
+    def collect_rollouts(
+        self,
+        env: VecEnv,
+        callback: BaseCallback,
+        rollout_buffer: RolloutBuffer,
+        n_rollout_steps: int,
+    ) -> bool:
+        """Fill the buffer; False if a callback asked to stop.
+
+        Only the actor runs in the loop. Log probabilities and values follow in one batch: the
+        weights do not change meanwhile.
+        """
+        buffer = self.rollout_buffer
+        buffer.reset()
+        self.policy.set_training_mode(False)
+        callback.on_rollout_start()
+        rows = self._rows_within_budget(env.num_envs, n_rollout_steps)
+        buffer.limit_rows(rows)
+        std = self.policy.log_std.detach().exp()
+        noise = torch.randn(n_rollout_steps, env.num_envs, len(std), device=self.device) * std
+        low, high = self.action_space.low, self.action_space.high
+        time_limits: list[tuple[int, int, NDArray[np.float32]]] = []
+        for step in range(n_rollout_steps):
+            observation = self._last_obs
+            with torch.inference_mode():
+                local = torch.as_tensor(observation["observation"], device=self.device)
+                actions = (self.policy.action_mean(local) + noise[step]).cpu().numpy()
+            self._last_obs, rewards, dones, infos = env.step(np.clip(actions, low, high))
+            buffer.add(observation, actions, rewards, self._last_episode_starts)
+            self._last_episode_starts = dones
+            self.num_timesteps += rows
+            if dones.any():
+                time_limits += _ends_by_time_limit(step, dones, infos)
+                infos, dones = infos[:rows], dones[:rows]
+                self._update_info_buffer(infos, dones)
+            callback.update_locals(locals())
+            if not callback.on_step():
+                return False
+        self._evaluate_rollout(time_limits)
+        callback.update_locals(locals())
+        callback.on_rollout_end()
+        return True
+
+    def _rows_within_budget(self, rows: int, steps: int) -> int:
+        worlds_left = (self._total_timesteps - self.num_timesteps) / (steps * self.agents_per_world)
+        return min(rows, max(1, int(np.ceil(worlds_left))) * self.agents_per_world)
+
+    def _evaluate_rollout(self, time_limits: list[tuple[int, int, NDArray[np.float32]]]) -> None:
+        """Values, log probabilities, advantages; a time limit is no end of the return (M15)."""
+        buffer = self.rollout_buffer
+        last_states = self._last_obs["state"][:: self.agents_per_world]
+        states = [buffer.states.reshape(-1, buffer.states.shape[-1]), last_states]
+        if time_limits:
+            states.append(np.stack([state for _, _, state in time_limits]))
+        values = self._in_chunks(self.policy.state_value, np.concatenate(states))
+        stored, last, limits = np.split(
+            values, [len(states[0]), len(states[0]) + len(last_states)]
+        )
+        for (step, row, _), value in zip(time_limits, limits, strict=True):
+            buffer.rewards[step, row] += self.gamma * value
+        log_probs = self._in_chunks(
+            lambda observations, actions: self.policy.distribution(observations).log_prob(actions),
+            buffer.observations.reshape(-1, buffer.observations.shape[-1]),
+            buffer.actions.reshape(-1, buffer.actions.shape[-1]),
+        )
+        buffer.finish(
+            stored.reshape(buffer.states.shape[:2]),
+            log_probs.reshape(buffer.actions.shape[:2]),
+            torch.from_numpy(last),
+            self._last_episode_starts,
+        )
+
+    def _in_chunks(self, function: Any, *arrays: NDArray[np.float32]) -> NDArray[np.float32]:
+        with torch.inference_mode():
+            chunks = [
+                function(*(tensor.to(self.device) for tensor in tensors)).cpu().numpy()
+                for tensors in zip(
+                    *(torch.from_numpy(array).split(_ROWS_PER_FORWARD) for array in arrays),
+                    strict=True,
+                )
+            ]
+        return np.concatenate(chunks)
+
+    def train(self) -> None:
+        """Update actor and critic on the collected rollout."""
+        self.policy.set_training_mode(True)
+        self._update_learning_rate(self.policy.optimizer)
+        clip_range = self.clip_range(self._current_progress_remaining)
+        actor_parameters = self.policy.actor_parameters()
+        critic_parameters = self.policy.critic_parameters()
+        measured: list[torch.Tensor] = []
+        for _ in range(self.n_epochs):
+            for batch in self.rollout_buffer.get(self.batch_size):
+                loss, figures = self._loss(batch, clip_range)
+                measured.append(figures)
+                if self.target_kl is not None and figures[3] > 1.5 * self.target_kl:
+                    break
+                self.policy.optimizer.zero_grad()
+                loss.backward()
+                torch.nn.utils.clip_grad_norm_(actor_parameters, self.max_grad_norm)
+                torch.nn.utils.clip_grad_norm_(critic_parameters, self.max_grad_norm)
+                self.policy.optimizer.step()
+            else:
+                self._n_updates += 1
+                continue
+            break
+        self._log_update(torch.stack(measured).mean(dim=0))
+
+    def _loss(self, batch: MiniBatch, clip_range: float) -> tuple[torch.Tensor, torch.Tensor]:
+        """Loss to minimise, and the figures that :meth:`_log_update` names."""
+        distribution = self.policy.distribution(batch.observations)
+        log_prob, entropy = distribution.log_prob(batch.actions), distribution.entropy().mean()
+        advantages = batch.advantages
+        if self.normalize_advantage and len(advantages) > 1:
+            advantages = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
+        log_ratio = log_prob - batch.old_log_prob
+        ratio = log_ratio.exp()
+        clipped_ratio = ratio.clamp(1.0 - clip_range, 1.0 + clip_range)
+        policy_loss = -torch.min(advantages * ratio, advantages * clipped_ratio).mean()
+        values = self.policy.state_value(batch.states)
+        if self.clip_range_vf is not None:
+            limit = self.clip_range_vf(self._current_progress_remaining)
+            values = batch.old_values + (values - batch.old_values).clamp(-limit, limit)
+        value_loss = functional.mse_loss(values, batch.returns)
+        loss = policy_loss - self.ent_coef * entropy + self.vf_coef * value_loss
+        with torch.no_grad():
+            divergence = (ratio - 1.0 - log_ratio).mean()  # Schulman's low-variance estimate
+            clip_fraction = ((ratio - 1.0).abs() > clip_range).float().mean()
+            figures = torch.stack([policy_loss, value_loss, entropy, divergence, clip_fraction])
+        return loss, figures
+
+    def _log_update(self, figures: torch.Tensor) -> None:
+        for group in self.policy.optimizer.param_groups:
+            self.logger.record(f"train/{group['name']}_learning_rate", group["lr"])
+        names = ("policy_gradient_loss", "value_loss", "entropy", "approx_kl", "clip_fraction")
+        for name, figure in zip(names, figures.tolist(), strict=True):
+            self.logger.record(f"train/{name}", figure)
+        rows = self.rollout_buffer.rows
+        values, returns = self.rollout_buffer.values, self.rollout_buffer.returns
+        self.logger.record(
+            "train/explained_variance",
+            explained_variance(values[:, :rows].flatten(), returns[:, :rows].flatten()),
+        )
+        self.logger.record("train/std", self.policy.log_std.detach().exp().mean().item())
+        self.logger.record("train/n_updates", self._n_updates, exclude="tensorboard")
+
+
+def _ends_by_time_limit(
+    step: int, dones: NDArray[np.bool_], infos: list[dict[str, Any]]
+) -> list[tuple[int, int, NDArray[np.float32]]]:
+    """(step, row, last state) of the rows whose episode ended by truncation alone."""
+    return [
+        (step, int(row), infos[row]["terminal_observation"]["state"])
+        for row in np.flatnonzero(dones)
+        if infos[row].get("TimeLimit.truncated", False)
+    ]

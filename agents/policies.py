@@ -1,0 +1,147 @@
+"""Actor on local observations, critic on the global state."""
+
+import math
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+import torch
+from gymnasium import spaces
+from stable_baselines3.common.distributions import DiagGaussianDistribution, Distribution
+from stable_baselines3.common.policies import ActorCriticPolicy
+from stable_baselines3.common.type_aliases import Schedule
+from torch import nn
+
+HIDDEN_SIZES = (256, 256, 256)
+"""Hidden layers of both networks (Section VI-A)."""
+
+Observations = dict[str, torch.Tensor]
+
+
+def perceptron(inputs: int, hidden_sizes: Sequence[int], outputs: int) -> nn.Sequential:
+    """A multi-layer perceptron with ReLU between its layers."""
+    layers: list[nn.Module] = []
+    for size in hidden_sizes:
+        layers += [nn.Linear(inputs, size), nn.ReLU(inplace=True)]
+        inputs = size
+    return nn.Sequential(*layers, nn.Linear(inputs, outputs))
+
+
+class CentralizedCriticPolicy(ActorCriticPolicy):
+    """Two separate networks: the actor reads "observation", the critic "state".
+
+    SB3's own ``MultiInputPolicy`` lets the actor see both, so that it could not fly without the
+    global state. Here the actor is ``tanh(MLP(observation))``, the mean of a Gaussian whose
+    log standard deviation is learned and independent of the state (decisions M20, M31).
+
+    The optimizer has two parameter groups, "actor" and "critic", in this order; fused Adam by
+    default.
+
+    Args:
+        observation_space: Dict with the flat boxes "observation" and "state".
+        action_space: flat box in [-1, 1].
+        lr_schedule: learning rate of both groups until :class:`MAPPO` sets each its own.
+        net_arch: hidden layers of both networks.
+        log_std_init: first value of the log standard deviation.
+        ortho_init: orthogonal weights, gain sqrt(2), 0.01 for the actor's and 1 for the critic's
+            last layer.
+        kwargs: further arguments of SB3's ``ActorCriticPolicy``.
+    """
+
+    observation_space: spaces.Dict
+    action_space: spaces.Box
+
+    def __init__(
+        self,
+        observation_space: spaces.Dict,
+        action_space: spaces.Box,
+        lr_schedule: Schedule,
+        net_arch: Sequence[int] = HIDDEN_SIZES,
+        log_std_init: float = 0.0,
+        ortho_init: bool = True,
+        optimizer_kwargs: dict[str, Any] | None = None,
+        **kwargs: Any,
+    ) -> None:
+        if not isinstance(observation_space, spaces.Dict) or not {"observation", "state"} <= set(
+            observation_space.spaces
+        ):
+            raise TypeError(
+                'the observation space is not a Dict with "observation" and "state": wrap the '
+                "environment in orchid_uav.envs.CentralizedState"
+            )
+        super().__init__(
+            observation_space,
+            action_space,
+            lr_schedule,
+            net_arch=list(net_arch),
+            activation_fn=nn.ReLU,
+            ortho_init=ortho_init,
+            log_std_init=log_std_init,
+            optimizer_kwargs=optimizer_kwargs or {"eps": 1e-5, "fused": True},
+            **kwargs,
+        )
+
+    def _build(self, lr_schedule: Schedule) -> None:
+        observation_size = spaces.flatdim(self.observation_space["observation"])
+        state_size = spaces.flatdim(self.observation_space["state"])
+        action_size = spaces.flatdim(self.action_space)
+        self.actor = perceptron(observation_size, self.net_arch, action_size)
+        self.critic = perceptron(state_size, self.net_arch, 1)
+        self.log_std = nn.Parameter(torch.full((action_size,), float(self.log_std_init)))
+        if self.ortho_init:
+            for network, last_gain in ((self.actor, 0.01), (self.critic, 1.0)):
+                network.apply(partial(self.init_weights, gain=math.sqrt(2.0)))
+                self.init_weights(network[-1], gain=last_gain)
+        self.optimizer = self.optimizer_class(
+            [
+                {"params": self.actor_parameters(), "name": "actor"},
+                {"params": self.critic_parameters(), "name": "critic"},
+            ],
+            lr=lr_schedule(1),
+            **self.optimizer_kwargs,
+        )
+
+    def actor_parameters(self) -> list[nn.Parameter]:
+        """The actor's weights and its log standard deviation."""
+        return [*self.actor.parameters(), self.log_std]
+
+    def critic_parameters(self) -> list[nn.Parameter]:
+        """The critic's weights."""
+        return list(self.critic.parameters())
+
+    def action_mean(self, observation: torch.Tensor) -> torch.Tensor:
+        """Deterministic action (rows, A) in [-1, 1] for local observations (rows, O)."""
+        return torch.tanh(self.actor(observation))
+
+    def state_value(self, state: torch.Tensor) -> torch.Tensor:
+        """Value (rows,) of global states (rows, S)."""
+        return self.critic(state).squeeze(-1)
+
+    def distribution(self, observation: torch.Tensor) -> DiagGaussianDistribution:
+        """Gaussian over actions given local observations (rows, O)."""
+        return self.action_dist.proba_distribution(self.action_mean(observation), self.log_std)
+
+    # What SB3 calls, in terms of the above.
+
+    def forward(
+        self, obs: Observations, deterministic: bool = False
+    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Actions, values (rows, 1) and log probabilities."""
+        distribution = self.get_distribution(obs)
+        actions = distribution.get_actions(deterministic=deterministic)
+        return actions, self.predict_values(obs), distribution.log_prob(actions)
+
+    def evaluate_actions(
+        self, obs: Observations, actions: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor | None]:
+        """Values (rows, 1), log probabilities of the actions, and entropies."""
+        distribution = self.get_distribution(obs)
+        return self.predict_values(obs), distribution.log_prob(actions), distribution.entropy()
+
+    def get_distribution(self, obs: Observations) -> Distribution:
+        """Gaussian over actions; reads ``obs["observation"]`` alone."""
+        return self.distribution(obs["observation"])
+
+    def predict_values(self, obs: Observations) -> torch.Tensor:
+        """Values (rows, 1); reads ``obs["state"]`` alone."""
+        return self.critic(obs["state"])

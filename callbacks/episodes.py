@@ -1,0 +1,51 @@
+"""Callbacks that act when episodes have ended and the policy was updated on them."""
+
+from typing import Any
+
+from stable_baselines3.common.callbacks import BaseCallback
+
+Episode = dict[str, float]
+"""Figures of one episode, by the names of ``orchid_uav.envs.EPISODE_METRICS``."""
+
+
+class EpisodeCallback(BaseCallback):
+    """Calls :meth:`_on_episodes` once per update, after it, with the episodes that led to it.
+
+    SB3 has no hook behind an update; the start of the next rollout and the end of training are the
+    first moments after it. Episodes are ordered by finishing time, then world (decision M33).
+    Where several such callbacks are listed, each acts on its turn: Reset-and-Finetune before the
+    log that records it, the log before the schedules that move on.
+    """
+
+    def __init__(self, verbose: int = 0) -> None:
+        super().__init__(verbose)
+        self.episodes_done = 0
+        self._finished: list[Episode] = []
+
+    def _on_episodes(self, episodes: list[Episode]) -> None:
+        """Handle new episodes; ``episodes_done`` counts the ones before them."""
+        raise NotImplementedError
+
+    def _on_step(self) -> bool:
+        dones = self.locals["dones"]
+        if dones.any():
+            infos: list[dict[str, Any]] = self.locals["infos"]
+            rows_per_episode = getattr(self.model, "agents_per_world", 1)
+            self._finished += [
+                info["episode_metrics"]
+                for info in infos[::rows_per_episode]
+                if "episode_metrics" in info
+            ]
+        return True
+
+    def _on_rollout_start(self) -> None:
+        self._flush()
+
+    def _on_training_end(self) -> None:
+        self._flush()
+
+    def _flush(self) -> None:
+        if self._finished:
+            episodes, self._finished = self._finished, []
+            self._on_episodes(episodes)
+            self.episodes_done += len(episodes)
