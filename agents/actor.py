@@ -1,6 +1,7 @@
 """The actor as it is deployed: a file of weights, and NumPy to fly with it."""
 
 import hashlib
+import itertools
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -99,7 +100,7 @@ def load_policy(path: str | Path) -> LocalActor:
         raise ValueError(f"{weights_path} is not what {description_path.name} describes (sha256)")
     sizes = description["layer_sizes"]
     shapes: dict[str, list[int]] = {"log_std": [sizes[-1]]}
-    for index, (inputs, outputs) in enumerate(zip(sizes[:-1], sizes[1:], strict=True)):
+    for index, (inputs, outputs) in enumerate(itertools.pairwise(sizes)):
         shapes[f"actor.{index}.weight"] = [outputs, inputs]
         shapes[f"actor.{index}.bias"] = [outputs]
     tensors = _read_tensors(weights_path, shapes)

@@ -1,11 +1,13 @@
 """Multi-agent PPO with a centralised critic on top of SB3's PPO (Section IV-C4)."""
 
 import warnings
-from typing import Any, ClassVar
+from typing import Any, ClassVar, cast
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from orchid_uav.agents.policies import CentralizedCriticPolicy
+from orchid_uav.agents.rollout import CentralizedRolloutBuffer, MiniBatch
 from stable_baselines3 import PPO
 from stable_baselines3.common.buffers import RolloutBuffer
 from stable_baselines3.common.callbacks import BaseCallback
@@ -15,9 +17,10 @@ from stable_baselines3.common.utils import FloatSchedule, explained_variance
 from stable_baselines3.common.vec_env import VecEnv
 from torch.nn import functional
 
-from orchid_uav.agents.policies import CentralizedCriticPolicy
-from orchid_uav.agents.rollout import CentralizedRolloutBuffer, MiniBatch
+Rows = dict[str, NDArray[np.float32]]
 
+_FIGURES = ("policy_gradient_loss", "value_loss", "entropy", "approx_kl", "clip_fraction")
+_KL_FIGURE = _FIGURES.index("approx_kl")
 _ROWS_PER_FORWARD = 8192
 """Rows of one forward pass without gradients, which bounds the memory of large batches."""
 
@@ -141,16 +144,18 @@ class MAPPO(PPO):
         buffer.limit_rows(rows)
         std = self.policy.log_std.detach().exp()
         noise = torch.randn(n_rollout_steps, env.num_envs, len(std), device=self.device) * std
-        low, high = self.action_space.low, self.action_space.high
+        action_space = self.policy.action_space
         time_limits: list[tuple[int, int, NDArray[np.float32]]] = []
         for step in range(n_rollout_steps):
-            observation = self._last_obs
+            observation, starts = self._last_rows()
             with torch.inference_mode():
                 local = torch.as_tensor(observation["observation"], device=self.device)
                 actions = (self.policy.action_mean(local) + noise[step]).cpu().numpy()
-            self._last_obs, rewards, dones, infos = env.step(np.clip(actions, low, high))
-            buffer.add(observation, actions, rewards, self._last_episode_starts)
-            self._last_episode_starts = dones
+            new_observation, rewards, dones, infos = env.step(
+                np.clip(actions, action_space.low, action_space.high)
+            )
+            buffer.add(observation, actions, rewards, starts)
+            self._last_obs, self._last_episode_starts = cast(Rows, new_observation), dones
             self.num_timesteps += rows
             if dones.any():
                 time_limits += _ends_by_time_limit(step, dones, infos)
@@ -164,6 +169,10 @@ class MAPPO(PPO):
         callback.on_rollout_end()
         return True
 
+    def _last_rows(self) -> tuple[Rows, NDArray[np.bool_]]:
+        """The latest observation, and which rows begin an episode with it."""
+        return cast(Rows, self._last_obs), cast(NDArray[np.bool_], self._last_episode_starts)
+
     def _rows_within_budget(self, rows: int, steps: int) -> int:
         worlds_left = (self._total_timesteps - self.num_timesteps) / (steps * self.agents_per_world)
         return min(rows, max(1, int(np.ceil(worlds_left))) * self.agents_per_world)
@@ -171,14 +180,13 @@ class MAPPO(PPO):
     def _evaluate_rollout(self, time_limits: list[tuple[int, int, NDArray[np.float32]]]) -> None:
         """Values, log probabilities, advantages; a time limit is no end of the return (M15)."""
         buffer = self.rollout_buffer
-        last_states = self._last_obs["state"][:: self.agents_per_world]
+        last_observation, starts = self._last_rows()
+        last_states = last_observation["state"][:: self.agents_per_world]
         states = [buffer.states.reshape(-1, buffer.states.shape[-1]), last_states]
         if time_limits:
             states.append(np.stack([state for _, _, state in time_limits]))
         values = self._in_chunks(self.policy.state_value, np.concatenate(states))
-        stored, last, limits = np.split(
-            values, [len(states[0]), len(states[0]) + len(last_states)]
-        )
+        stored, last, limits = np.split(values, [len(states[0]), len(states[0]) + len(last_states)])
         for (step, row, _), value in zip(time_limits, limits, strict=True):
             buffer.rewards[step, row] += self.gamma * value
         log_probs = self._in_chunks(
@@ -190,7 +198,7 @@ class MAPPO(PPO):
             stored.reshape(buffer.states.shape[:2]),
             log_probs.reshape(buffer.actions.shape[:2]),
             torch.from_numpy(last),
-            self._last_episode_starts,
+            starts,
         )
 
     def _in_chunks(self, function: Any, *arrays: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -208,31 +216,35 @@ class MAPPO(PPO):
         """Update actor and critic on the collected rollout."""
         self.policy.set_training_mode(True)
         self._update_learning_rate(self.policy.optimizer)
-        clip_range = self.clip_range(self._current_progress_remaining)
-        actor_parameters = self.policy.actor_parameters()
-        critic_parameters = self.policy.critic_parameters()
         measured: list[torch.Tensor] = []
         for _ in range(self.n_epochs):
-            for batch in self.rollout_buffer.get(self.batch_size):
-                loss, figures = self._loss(batch, clip_range)
-                measured.append(figures)
-                if self.target_kl is not None and figures[3] > 1.5 * self.target_kl:
-                    break
-                self.policy.optimizer.zero_grad()
-                loss.backward()
-                torch.nn.utils.clip_grad_norm_(actor_parameters, self.max_grad_norm)
-                torch.nn.utils.clip_grad_norm_(critic_parameters, self.max_grad_norm)
-                self.policy.optimizer.step()
-            else:
-                self._n_updates += 1
-                continue
-            break
+            if not self._train_epoch(measured):
+                break
+            self._n_updates += 1
         self._log_update(torch.stack(measured).mean(dim=0))
 
-    def _loss(self, batch: MiniBatch, clip_range: float) -> tuple[torch.Tensor, torch.Tensor]:
-        """Loss to minimise, and the figures that :meth:`_log_update` names."""
+    def _train_epoch(self, measured: list[torch.Tensor]) -> bool:
+        """One pass over the rollout; False if ``target_kl`` was exceeded."""
+        groups = self.policy.actor_parameters(), self.policy.critic_parameters()
+        for batch in self.rollout_buffer.get(self.batch_size):
+            loss, figures = self._loss(batch)
+            measured.append(figures)
+            if self.target_kl is not None and figures[_KL_FIGURE] > 1.5 * self.target_kl:
+                return False
+            self.policy.optimizer.zero_grad()
+            loss.backward()
+            for parameters in groups:
+                torch.nn.utils.clip_grad_norm_(parameters, self.max_grad_norm)
+            self.policy.optimizer.step()
+        return True
+
+    def _loss(self, batch: MiniBatch) -> tuple[torch.Tensor, torch.Tensor]:
+        """Loss to minimise, and the figures named ``_FIGURES``."""
+        progress = self._current_progress_remaining
+        clip_range = cast(Schedule, self.clip_range)(progress)
         distribution = self.policy.distribution(batch.observations)
-        log_prob, entropy = distribution.log_prob(batch.actions), distribution.entropy().mean()
+        log_prob = distribution.log_prob(batch.actions)
+        entropy = cast(torch.Tensor, distribution.entropy()).mean()
         advantages = batch.advantages
         if self.normalize_advantage and len(advantages) > 1:
             advantages = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
@@ -242,7 +254,7 @@ class MAPPO(PPO):
         policy_loss = -torch.min(advantages * ratio, advantages * clipped_ratio).mean()
         values = self.policy.state_value(batch.states)
         if self.clip_range_vf is not None:
-            limit = self.clip_range_vf(self._current_progress_remaining)
+            limit = cast(Schedule, self.clip_range_vf)(progress)
             values = batch.old_values + (values - batch.old_values).clamp(-limit, limit)
         value_loss = functional.mse_loss(values, batch.returns)
         loss = policy_loss - self.ent_coef * entropy + self.vf_coef * value_loss
@@ -255,8 +267,7 @@ class MAPPO(PPO):
     def _log_update(self, figures: torch.Tensor) -> None:
         for group in self.policy.optimizer.param_groups:
             self.logger.record(f"train/{group['name']}_learning_rate", group["lr"])
-        names = ("policy_gradient_loss", "value_loss", "entropy", "approx_kl", "clip_fraction")
-        for name, figure in zip(names, figures.tolist(), strict=True):
+        for name, figure in zip(_FIGURES, figures.tolist(), strict=True):
             self.logger.record(f"train/{name}", figure)
         rows = self.rollout_buffer.rows
         values, returns = self.rollout_buffer.values, self.rollout_buffer.returns

@@ -3,10 +3,12 @@
 import math
 from collections.abc import Sequence
 from functools import partial
-from typing import Any
+from typing import Any, cast
 
+import numpy as np
 import torch
 from gymnasium import spaces
+from numpy.typing import NDArray
 from stable_baselines3.common.distributions import DiagGaussianDistribution, Distribution
 from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.type_aliases import Schedule
@@ -50,6 +52,7 @@ class CentralizedCriticPolicy(ActorCriticPolicy):
 
     observation_space: spaces.Dict
     action_space: spaces.Box
+    action_dist: DiagGaussianDistribution
 
     def __init__(
         self,
@@ -85,8 +88,9 @@ class CentralizedCriticPolicy(ActorCriticPolicy):
         observation_size = spaces.flatdim(self.observation_space["observation"])
         state_size = spaces.flatdim(self.observation_space["state"])
         action_size = spaces.flatdim(self.action_space)
-        self.actor = perceptron(observation_size, self.net_arch, action_size)
-        self.critic = perceptron(state_size, self.net_arch, 1)
+        hidden_sizes = cast(list[int], self.net_arch)
+        self.actor = perceptron(observation_size, hidden_sizes, action_size)
+        self.critic = perceptron(state_size, hidden_sizes, 1)
         self.log_std = nn.Parameter(torch.full((action_size,), float(self.log_std_init)))
         if self.ortho_init:
             for network, last_gain in ((self.actor, 0.01), (self.critic, 1.0)):
@@ -97,7 +101,7 @@ class CentralizedCriticPolicy(ActorCriticPolicy):
                 {"params": self.actor_parameters(), "name": "actor"},
                 {"params": self.critic_parameters(), "name": "critic"},
             ],
-            lr=lr_schedule(1),
+            lr=lr_schedule(1),  # type: ignore[call-arg]
             **self.optimizer_kwargs,
         )
 
@@ -109,6 +113,17 @@ class CentralizedCriticPolicy(ActorCriticPolicy):
         """The critic's weights."""
         return list(self.critic.parameters())
 
+    def actor_layers(self) -> list[tuple[NDArray[np.float32], NDArray[np.float32]]]:
+        """Copies of the actor's weights (out, in) and biases (out,), layer by layer."""
+        return [
+            (
+                layer.weight.detach().cpu().numpy().copy(),
+                layer.bias.detach().cpu().numpy().copy(),
+            )
+            for layer in self.actor
+            if isinstance(layer, nn.Linear)
+        ]
+
     def action_mean(self, observation: torch.Tensor) -> torch.Tensor:
         """Deterministic action (rows, A) in [-1, 1] for local observations (rows, O)."""
         return torch.tanh(self.actor(observation))
@@ -117,13 +132,13 @@ class CentralizedCriticPolicy(ActorCriticPolicy):
         """Value (rows,) of global states (rows, S)."""
         return self.critic(state).squeeze(-1)
 
-    def distribution(self, observation: torch.Tensor) -> DiagGaussianDistribution:
+    def distribution(self, observation: torch.Tensor) -> Distribution:
         """Gaussian over actions given local observations (rows, O)."""
         return self.action_dist.proba_distribution(self.action_mean(observation), self.log_std)
 
     # What SB3 calls, in terms of the above.
 
-    def forward(
+    def forward(  # type: ignore[override]
         self, obs: Observations, deterministic: bool = False
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """Actions, values (rows, 1) and log probabilities."""
@@ -131,17 +146,17 @@ class CentralizedCriticPolicy(ActorCriticPolicy):
         actions = distribution.get_actions(deterministic=deterministic)
         return actions, self.predict_values(obs), distribution.log_prob(actions)
 
-    def evaluate_actions(
+    def evaluate_actions(  # type: ignore[override]
         self, obs: Observations, actions: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor | None]:
         """Values (rows, 1), log probabilities of the actions, and entropies."""
         distribution = self.get_distribution(obs)
         return self.predict_values(obs), distribution.log_prob(actions), distribution.entropy()
 
-    def get_distribution(self, obs: Observations) -> Distribution:
+    def get_distribution(self, obs: Observations) -> Distribution:  # type: ignore[override]
         """Gaussian over actions; reads ``obs["observation"]`` alone."""
         return self.distribution(obs["observation"])
 
-    def predict_values(self, obs: Observations) -> torch.Tensor:
+    def predict_values(self, obs: Observations) -> torch.Tensor:  # type: ignore[override]
         """Values (rows, 1); reads ``obs["state"]`` alone."""
         return self.critic(obs["state"])

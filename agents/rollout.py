@@ -118,7 +118,7 @@ class CentralizedRolloutBuffer(RolloutBuffer):
         state_of_sample = torch.from_numpy(
             step * self.states.shape[1] + row // self.agents_per_world
         ).to(self.device)
-        order = torch.from_numpy(np.random.permutation(samples)).to(self.device)
+        order = torch.randperm(samples).to(self.device)
         for chosen in order.split(batch_size or samples):
             observations, actions, *scalars = (array[chosen] for array in by_row)
             yield MiniBatch(observations, states[state_of_sample[chosen]], actions, *scalars)

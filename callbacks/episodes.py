@@ -1,11 +1,27 @@
 """Callbacks that act when episodes have ended and the policy was updated on them."""
 
-from typing import Any
+from typing import Any, Protocol, cast
 
+import torch
 from stable_baselines3.common.callbacks import BaseCallback
 
 Episode = dict[str, float]
 """Figures of one episode, by the names of ``orchid_uav.envs.EPISODE_METRICS``."""
+
+
+class Learner(Protocol):
+    """What the callbacks here use of a model besides SB3's own interface."""
+
+    ent_coef: float
+    learning_rate_scale: float
+
+    @property
+    def learning_rates(self) -> tuple[float, float]:
+        """The actor's and the critic's learning rates in force."""
+
+    @property
+    def optimizers(self) -> list[torch.optim.Optimizer]:
+        """All optimizers."""
 
 
 class EpisodeCallback(BaseCallback):
@@ -21,6 +37,11 @@ class EpisodeCallback(BaseCallback):
         super().__init__(verbose)
         self.episodes_done = 0
         self._finished: list[Episode] = []
+
+    @property
+    def learner(self) -> Learner:
+        """The model, as :class:`Learner`."""
+        return cast(Learner, self.model)
 
     def _on_episodes(self, episodes: list[Episode]) -> None:
         """Handle new episodes; ``episodes_done`` counts the ones before them."""

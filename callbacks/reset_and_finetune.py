@@ -1,9 +1,8 @@
-"""Reset-and-Finetune: clear the optimizer and lower the learning rates on a plateau (Section IV-D)."""
+"""Reset-and-Finetune: on a plateau, clear the optimizer and lower the rates (Section IV-D)."""
 
 from collections.abc import Sequence
 
 import torch
-
 from orchid_uav.callbacks.episodes import Episode, EpisodeCallback
 
 _SMALLEST_DENOMINATOR = 1e-8
@@ -95,10 +94,10 @@ class ResetAndFinetune(EpisodeCallback):
                 self._intervene(number)
 
     def _intervene(self, episode: int) -> None:
-        for optimizer in self.model.optimizers:
+        for optimizer in self.learner.optimizers:
             reset_optimizer(optimizer)
-        scale = self.model.learning_rate_scale * self.kappa
-        self.model.learning_rate_scale = max(scale, LOWEST_RATE_SCALE)
+        scale = self.learner.learning_rate_scale * self.kappa
+        self.learner.learning_rate_scale = max(scale, LOWEST_RATE_SCALE)
         self.reset_episodes.append(episode)
         self._jfi.clear()
         self._reward.clear()

@@ -29,4 +29,4 @@ class ProgressSchedules(EpisodeCallback):
         progress = min(episodes_done / self.episodes, 1.0)
         self.training_env.env_method("set_progress", progress)
         if self.entropy_coef is not None:
-            self.model.ent_coef = linear_schedule(*self.entropy_coef, progress)
+            self.learner.ent_coef = linear_schedule(*self.entropy_coef, progress)

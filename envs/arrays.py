@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-
 from orchid_uav.envs.channel import air_to_ground_path_loss_db
 from orchid_uav.envs.metrics import SLOT_METRICS
 from orchid_uav.envs.parameters import Parameters
@@ -126,9 +125,7 @@ class Constants(NamedTuple):
         )
 
 
-def _in_order_of(
-    function: Callable[..., object], arguments: dict[str, float]
-) -> tuple[float, ...]:
+def _in_order_of(function: Callable[..., object], arguments: dict[str, float]) -> tuple[float, ...]:
     names = inspect.signature(function).parameters
     return tuple(arguments[name] for name in names if name in arguments)
 

@@ -10,10 +10,9 @@ while the ground distance grows, or grow while the elevation angle grows, set
 
 import numpy as np
 from numba.extending import register_jitable
-from scipy.constants import speed_of_light
-
 from orchid_uav.envs.parameters import ChannelParameters
-from orchid_uav.envs.units import decibel_to_linear
+from orchid_uav.envs.units import Numeric, decibel_to_linear
+from scipy.constants import speed_of_light
 
 _TABLE_I = ChannelParameters()
 _FREQUENCY_HZ = _TABLE_I.carrier_frequency_hz
@@ -31,34 +30,38 @@ skip a UAV that is farther (weighted by power), and seen lower, than one already
 
 
 @register_jitable
-def elevation_angle_deg(altitude_m, distance_m):
+def elevation_angle_deg(altitude_m: Numeric, distance_m: Numeric) -> Numeric:
     """Elevation of the UAV seen from the user, in degrees: (180/pi) arcsin(z / d), d in 3-D."""
     return np.degrees(np.arcsin(altitude_m / distance_m))
 
 
 @register_jitable
-def line_of_sight_probability(elevation_deg, a=_S_CURVE_A, b=_S_CURVE_B):
+def line_of_sight_probability(
+    elevation_deg: Numeric, a: Numeric = _S_CURVE_A, b: Numeric = _S_CURVE_B
+) -> Numeric:
     """Pr_LoS = 1 / (1 + a exp(-b (theta - a))), theta in degrees (Section III-C1)."""
     return 1.0 / (1.0 + a * np.exp(-b * (elevation_deg - a)))
 
 
 @register_jitable
-def free_space_path_loss_db(distance_m, carrier_frequency_hz=_FREQUENCY_HZ):
+def free_space_path_loss_db(
+    distance_m: Numeric, carrier_frequency_hz: Numeric = _FREQUENCY_HZ
+) -> Numeric:
     """20 log10(d) + 20 log10(f_c) + 20 log10(4 pi / c), distance > 0."""
     return 20.0 * np.log10(4.0 * np.pi * carrier_frequency_hz / speed_of_light * distance_m)
 
 
 @register_jitable
 def air_to_ground_path_loss_db(
-    ground_distance_m,
-    altitude_m,
-    carrier_frequency_hz=_FREQUENCY_HZ,
-    s_curve_a=_S_CURVE_A,
-    s_curve_b=_S_CURVE_B,
-    excess_loss_los_db=_LOSS_LOS_DB,
-    excess_loss_nlos_db=_LOSS_NLOS_DB,
-):
-    """L^A2G: average of the LoS and NLoS losses, weighted with their probabilities (Section III-C1).
+    ground_distance_m: Numeric,
+    altitude_m: Numeric,
+    carrier_frequency_hz: Numeric = _FREQUENCY_HZ,
+    s_curve_a: Numeric = _S_CURVE_A,
+    s_curve_b: Numeric = _S_CURVE_B,
+    excess_loss_los_db: Numeric = _LOSS_LOS_DB,
+    excess_loss_nlos_db: Numeric = _LOSS_NLOS_DB,
+) -> Numeric:
+    """L^A2G in dB: LoS and NLoS loss weighted with their probabilities (Section III-C1).
 
     ``ground_distance_m`` >= 0 is horizontal, ``altitude_m`` > 0 the UAV's height over the user.
     """
@@ -71,22 +74,33 @@ def air_to_ground_path_loss_db(
 
 
 @register_jitable
-def ground_path_loss_db(distance_m, carrier_frequency_hz, path_loss_exponent, shadowing_db):
+def ground_path_loss_db(
+    distance_m: Numeric,
+    carrier_frequency_hz: Numeric,
+    path_loss_exponent: Numeric,
+    shadowing_db: Numeric,
+) -> Numeric:
     """L^GBS = 20 log10(4 pi f_c / c) + 10 beta log10(d) + chi (Section III-C2; beta, chi: M4)."""
     reference_db = free_space_path_loss_db(1.0, carrier_frequency_hz)
     return reference_db + 10.0 * path_loss_exponent * np.log10(distance_m) + shadowing_db
 
 
 @register_jitable
-def received_power_w(transmit_power_w, antenna_gain_db, path_loss_db):
+def received_power_w(
+    transmit_power_w: Numeric, antenna_gain_db: Numeric, path_loss_db: Numeric
+) -> Numeric:
     """P G_tx G_rx 10^(-L/10); ``antenna_gain_db`` is the sum of both gains."""
     return transmit_power_w * decibel_to_linear(antenna_gain_db - path_loss_db)
 
 
 @register_jitable
 def backhaul_snr(
-    distance_m, transmit_power_w, antenna_gain_db, carrier_frequency_hz, noise_power_w
-):
+    distance_m: Numeric,
+    transmit_power_w: Numeric,
+    antenna_gain_db: Numeric,
+    carrier_frequency_hz: Numeric,
+    noise_power_w: Numeric,
+) -> Numeric:
     """gamma^BH, linear: free-space link from the GBS to a UAV (Section III-C3).
 
     ``noise_power_w`` is N_0 B_BH. Nearer than 1 m the SNR stays that of 1 m, so that it is finite
@@ -97,6 +111,6 @@ def backhaul_snr(
 
 
 @register_jitable
-def spectral_efficiency(snr):
+def spectral_efficiency(snr: Numeric) -> Numeric:
     """Bits per second and hertz of a link with linear SNR: log2(1 + gamma)."""
     return np.log2(1.0 + snr)

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 from numba import njit
-
-from orchid_uav.envs.arrays import HISTOGRAM_CELLS, Constants, Worlds
+from numpy.typing import NDArray
+from orchid_uav.envs.arrays import HISTOGRAM_CELLS, Constants, Floats, Worlds
 from orchid_uav.envs.channel import (
     LOSS_IS_MONOTONE,
     air_to_ground_path_loss_db,
@@ -66,7 +66,7 @@ this, an equation changed in another file would go on unchanged in the cache."""
 def step_worlds(
     constants: Constants,
     worlds: Worlds,
-    actions: np.ndarray,
+    actions: Floats,
     progress: float,
     sources: str = _SOURCES,
 ) -> None:
@@ -94,7 +94,7 @@ def step_worlds(
 
 @njit(cache=True)
 def begin_episodes(
-    constants: Constants, worlds: Worlds, chosen: np.ndarray, sources: str = _SOURCES
+    constants: Constants, worlds: Worlds, chosen: NDArray[np.int64], sources: str = _SOURCES
 ) -> None:
     """Serve users and observe at slot 0, after new positions were written into ``chosen`` worlds.
 
@@ -120,14 +120,14 @@ def begin_episodes(
 
 
 @njit
-def _scratch(worlds):
+def _scratch(worlds: Worlds) -> Floats:
     users = worlds.users_m.shape[2]
     uavs = worlds.positions_m.shape[1]
     return np.empty((uavs, users))
 
 
 @njit
-def _move_uavs(constants, worlds, world, actions):
+def _move_uavs(constants: Constants, worlds: Worlds, world: int, actions: Floats) -> None:
     """Kinematics and power control, Sections III-B and IV-C2; decisions M5, M25."""
     area_m, slot_s = constants.area_m, constants.slot_s
     scale_x_m, scale_y_m, scale_z_m = constants.displacement_scale_m
@@ -162,7 +162,7 @@ def _move_uavs(constants, worlds, world, actions):
 
 
 @njit
-def _move_users(constants, worlds, world):
+def _move_users(constants: Constants, worlds: Worlds, world: int) -> None:
     """Random walk with reflection; speed and heading are held for some slots (M16)."""
     users = worlds.users_m.shape[2]
     slot = worlds.slot[world]
@@ -184,7 +184,7 @@ def _move_users(constants, worlds, world):
 
 
 @njit
-def _count_users(constants, worlds, world):
+def _count_users(constants: Constants, worlds: Worlds, world: int) -> None:
     """u_dist: the users' histogram, normalised to sum 1, into its place in the state (M19)."""
     uavs, users = worlds.positions_m.shape[1], worlds.users_m.shape[2]
     first = uavs * worlds.observations.shape[2]
@@ -199,7 +199,7 @@ def _count_users(constants, worlds, world):
 
 
 @njit
-def _serve(constants, worlds, world, ground_squared_m2):
+def _serve(constants: Constants, worlds: Worlds, world: int, ground_squared_m2: Floats) -> None:
     """Association by strongest received power, loads, shares and rates (Section III-D; M11, M12).
 
     ``ground_squared_m2`` (N, M) is scratch.
@@ -218,7 +218,11 @@ def _serve(constants, worlds, world, ground_squared_m2):
         if not worlds.target_users[world, user]:
             continue
         uav, power_w = _strongest_uav(
-            positions_m, powers_w, ground_squared_m2[:, user], constants.link, constants.access_gain_db
+            positions_m,
+            powers_w,
+            ground_squared_m2[:, user],
+            constants.link,
+            constants.access_gain_db,
         )
         snr = power_w / constants.access_noise_power_w
         if snr >= constants.required_snr:
@@ -239,7 +243,7 @@ def _serve(constants, worlds, world, ground_squared_m2):
 
 
 @njit
-def _measure_distances(worlds, world, ground_squared_m2):
+def _measure_distances(worlds: Worlds, world: int, ground_squared_m2: Floats) -> None:
     """Squared horizontal distance of every UAV and user, and each UAV's nearest user."""
     uavs, users = ground_squared_m2.shape
     x_m, y_m = worlds.users_m[world, 0], worlds.users_m[world, 1]
@@ -256,7 +260,13 @@ def _measure_distances(worlds, world, ground_squared_m2):
 
 
 @njit
-def _strongest_uav(positions_m, powers_w, ground_squared_m2, link, antenna_gain_db):
+def _strongest_uav(
+    positions_m: Floats,
+    powers_w: Floats,
+    ground_squared_m2: Floats,
+    link: tuple[float, ...],
+    antenna_gain_db: float,
+) -> tuple[int, float]:
     """The UAV that a user receives best, the first of equals, and the received power in W.
 
     With a monotone loss a UAV that is no nearer (distances weighted by power) and seen no higher
@@ -270,7 +280,7 @@ def _strongest_uav(positions_m, powers_w, ground_squared_m2, link, antenna_gain_
     for uav in range(len(powers_w)):
         altitude_squared = positions_m[uav, 2] * positions_m[uav, 2]
         distance_squared = ground_squared_m2[uav] + altitude_squared
-        if powers_w[uav] > nearness * distance_squared:
+        if powers_w[uav] / distance_squared > nearness:
             nearest = uav
             nearness = powers_w[uav] / distance_squared
             elevation = altitude_squared / distance_squared
@@ -279,7 +289,7 @@ def _strongest_uav(positions_m, powers_w, ground_squared_m2, link, antenna_gain_
         uav = nearest if step < 0 else step
         if step >= 0:
             altitude_squared = positions_m[uav, 2] * positions_m[uav, 2]
-            is_lower = altitude_squared <= elevation * (ground_squared_m2[uav] + altitude_squared)
+            is_lower = altitude_squared / (ground_squared_m2[uav] + altitude_squared) <= elevation
             if uav == nearest or (LOSS_IS_MONOTONE and is_lower):
                 continue
         path_loss_db = air_to_ground_path_loss_db(
@@ -292,7 +302,7 @@ def _strongest_uav(positions_m, powers_w, ground_squared_m2, link, antenna_gain_
 
 
 @njit
-def _watch_constraints(constants, worlds, world):
+def _watch_constraints(constants: Constants, worlds: Worlds, world: int) -> None:
     """Collisions, backhaul and the count of slots with a violation (M17)."""
     positions_m = worlds.positions_m[world]
     uavs = len(positions_m)
@@ -328,7 +338,7 @@ def _watch_constraints(constants, worlds, world):
 
 
 @njit
-def _score(constants, worlds, world, progress):
+def _score(constants: Constants, worlds: Worlds, world: int, progress: float) -> None:
     """Figures of the slot and every UAV's reward (Section IV-C3, V-B; decisions M7 to M14)."""
     uavs = worlds.positions_m.shape[1]
     users = worlds.users_m.shape[2]
@@ -396,7 +406,7 @@ def _score(constants, worlds, world, progress):
 
 
 @njit
-def _propulsion_power_w(constants, velocity):
+def _propulsion_power_w(constants: Constants, velocity: Floats) -> float:
     speed_mps = np.sqrt(
         velocity[0] * velocity[0] + velocity[1] * velocity[1] + velocity[2] * velocity[2]
     )
@@ -405,7 +415,7 @@ def _propulsion_power_w(constants, velocity):
 
 
 @njit
-def _observe(constants, worlds, world):
+def _observe(constants: Constants, worlds: Worlds, world: int) -> None:
     """Every UAV's observation, and the state but for u_dist (M18, M19)."""
     area_m = constants.area_m
     uavs, users = worlds.positions_m.shape[1], worlds.users_m.shape[2]

@@ -3,12 +3,13 @@
 import numpy as np
 from numba.extending import register_jitable
 from numpy.typing import ArrayLike
+from orchid_uav.envs.units import Numeric
 
 _SMALLEST_NORMAL = float(np.finfo(np.float64).tiny)
 
 
 @register_jitable
-def jain_index_from_sums(total, total_of_squares, count):
+def jain_index_from_sums(total: Numeric, total_of_squares: Numeric, count: Numeric) -> Numeric:
     """J = (sum x)^2 / (n sum x^2) from the sums over n = ``count`` values.
 
     0 for an empty or all-zero set, so that serving nobody is never fair (decision M14): there the

@@ -1,14 +1,13 @@
 """The fleet as one Gymnasium agent that flies all UAVs: ``orchid/Fleet-v0``."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
-
 from orchid_uav.envs.factory import fleet_parameters
 from orchid_uav.envs.spaces import action_space, observation_space
 from orchid_uav.envs.world import WorldBatch
@@ -23,7 +22,7 @@ class FleetEnv(gymnasium.Env[Rows, Rows]):
     the episode's. The keywords are those of :func:`orchid_uav.envs.parallel_env`.
     """
 
-    metadata = {"render_modes": []}
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": []}  # type: ignore[misc]
 
     def __init__(self, *, render_mode: None = None, **keywords: Any) -> None:
         self.render_mode = render_mode
@@ -64,13 +63,16 @@ class FleetEnv(gymnasium.Env[Rows, Rows]):
         self.world.set_progress(progress)
 
 
-class FleetVectorEnv(VectorEnv[Rows, Rows, NDArray[np.float64]]):
+class FleetVectorEnv(VectorEnv[Rows, Rows, NDArray[Any]]):
     """Many joint problems stepped as one batch; a finished one begins anew in the same step.
 
     The last observation of a finished episode is in ``info["final_obs"]``.
     """
 
-    metadata = {"autoreset_mode": AutoresetMode.SAME_STEP, "render_modes": []}
+    metadata: ClassVar[dict[str, Any]] = {  # type: ignore[misc]
+        "autoreset_mode": AutoresetMode.SAME_STEP,
+        "render_modes": [],
+    }
 
     def __init__(self, num_envs: int = 1, *, render_mode: None = None, **keywords: Any) -> None:
         self.num_envs = num_envs
@@ -95,7 +97,7 @@ class FleetVectorEnv(VectorEnv[Rows, Rows, NDArray[np.float64]]):
 
     def step(
         self, actions: ArrayLike
-    ) -> tuple[Rows, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+    ) -> tuple[Rows, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
         """Fly one slot in every world."""
         self.world.step(actions)
         rewards = self.world.arrays.rewards.mean(axis=1)

@@ -2,29 +2,30 @@
 
 import numpy as np
 from numba.extending import register_jitable
+from orchid_uav.envs.units import Numeric
 
 _SMALLEST_NORMAL = float(np.finfo(np.float64).tiny)
 
 
 @register_jitable
-def displacement_factor(length_m, max_length_m):
-    """Factor in [0, 1] that scales a wanted displacement down to V_max delta_t where longer (M5)."""
+def displacement_factor(length_m: Numeric, max_length_m: Numeric) -> Numeric:
+    """Factor in [0, 1] that scales a displacement down to V_max delta_t where longer (M5)."""
     return max_length_m / np.maximum(length_m, max_length_m)
 
 
 @register_jitable
-def clipped(value, low, high):
+def clipped(value: Numeric, low: Numeric, high: Numeric) -> Numeric:
     """``value`` kept inside [``low``, ``high``]."""
     return np.minimum(np.maximum(value, low), high)
 
 
 @register_jitable
-def is_outside(value, low, high):
+def is_outside(value: Numeric, low: Numeric, high: Numeric) -> Numeric:
     """Whether ``value`` lies outside [``low``, ``high``]."""
     return (value < low) | (value > high)
 
 
 @register_jitable
-def relative(value, low, high):
+def relative(value: Numeric, low: Numeric, high: Numeric) -> Numeric:
     """Where ``value`` lies in [``low``, ``high``], as 0..1; 0 if the interval has no extent."""
     return (value - low) / np.maximum(high - low, _SMALLEST_NORMAL)

@@ -1,15 +1,14 @@
 """The fleet as a PettingZoo parallel environment: one agent per UAV."""
 
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
-from pettingzoo import ParallelEnv
-
 from orchid_uav.envs.parameters import Parameters
 from orchid_uav.envs.spaces import action_space, observation_space, state_space
 from orchid_uav.envs.world import WorldBatch
+from pettingzoo import ParallelEnv
 
 Observation = NDArray[np.float32]
 PerAgent = dict[str, Any]
@@ -27,7 +26,11 @@ class FleetParallelEnv(ParallelEnv[str, Observation, Observation]):
         user_positions_m: the caller's own users, (M, 2) in m.
     """
 
-    metadata = {"name": "orchid_fleet_v0", "render_modes": [], "is_parallelizable": True}
+    metadata: ClassVar[dict[str, Any]] = {
+        "name": "orchid_fleet_v0",
+        "render_modes": [],
+        "is_parallelizable": True,
+    }
 
     def __init__(
         self, parameters: Parameters | None = None, user_positions_m: ArrayLike | None = None

@@ -2,10 +2,10 @@
 
 import numpy as np
 from numba.extending import register_jitable
-from scipy.constants import g as STANDARD_GRAVITY
-from scipy.optimize import minimize_scalar
-
 from orchid_uav.envs.parameters import RotorParameters
+from orchid_uav.envs.units import Numeric
+from scipy.constants import g as standard_gravity
+from scipy.optimize import minimize_scalar
 
 _TABLE_I = RotorParameters()
 _BLADE_PROFILE_POWER_W = _TABLE_I.blade_profile_power_w
@@ -20,16 +20,16 @@ _DISC_AREA_M2 = _TABLE_I.disc_area_m2
 
 @register_jitable
 def propulsion_power_w(
-    speed_mps,
-    blade_profile_power_w=_BLADE_PROFILE_POWER_W,
-    induced_power_w=_INDUCED_POWER_W,
-    tip_speed_mps=_TIP_SPEED_MPS,
-    induced_velocity_mps=_INDUCED_VELOCITY_MPS,
-    fuselage_drag_ratio=_FUSELAGE_DRAG_RATIO,
-    air_density_kg_per_m3=_AIR_DENSITY_KG_PER_M3,
-    solidity=_SOLIDITY,
-    disc_area_m2=_DISC_AREA_M2,
-):
+    speed_mps: Numeric,
+    blade_profile_power_w: Numeric = _BLADE_PROFILE_POWER_W,
+    induced_power_w: Numeric = _INDUCED_POWER_W,
+    tip_speed_mps: Numeric = _TIP_SPEED_MPS,
+    induced_velocity_mps: Numeric = _INDUCED_VELOCITY_MPS,
+    fuselage_drag_ratio: Numeric = _FUSELAGE_DRAG_RATIO,
+    air_density_kg_per_m3: Numeric = _AIR_DENSITY_KG_PER_M3,
+    solidity: Numeric = _SOLIDITY,
+    disc_area_m2: Numeric = _DISC_AREA_M2,
+) -> Numeric:
     """P_prop in W at a speed of ``speed_mps`` >= 0 (the 3-D speed, decision M24).
 
     Blade profile, induced and parasite power. The defaults are Table I, with which hovering
@@ -47,9 +47,9 @@ def propulsion_power_w(
 
 
 @register_jitable
-def climb_power_w(vertical_speed_mps, mass_kg):
-    """m g max(v_z, 0), the work against gravity that the paper's formula leaves out (M24)."""
-    return mass_kg * STANDARD_GRAVITY * np.maximum(vertical_speed_mps, 0.0)
+def climb_power_w(vertical_speed_mps: Numeric, mass_kg: Numeric) -> Numeric:
+    """M g max(v_z, 0), the work against gravity that the paper's formula leaves out (M24)."""
+    return mass_kg * standard_gravity * np.maximum(vertical_speed_mps, 0.0)
 
 
 def least_power_speed_mps(rotor: RotorParameters, max_speed_mps: float) -> float:

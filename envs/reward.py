@@ -2,7 +2,6 @@
 
 import numpy as np
 from numba.extending import register_jitable
-
 from orchid_uav.envs.channel import (
     air_to_ground_path_loss_db,
     received_power_w,
@@ -10,34 +9,37 @@ from orchid_uav.envs.channel import (
 )
 from orchid_uav.envs.parameters import Parameters
 from orchid_uav.envs.propulsion import least_power_speed_mps, propulsion_power_w
+from orchid_uav.envs.units import Numeric
 
 
 @register_jitable
-def linear_schedule(start, end, progress):
+def linear_schedule(start: Numeric, end: Numeric, progress: Numeric) -> Numeric:
     """Weight at training progress tau in [0, 1]: from ``start`` to ``end`` in a straight line."""
     return start + (end - start) * progress
 
 
 @register_jitable
-def coverage_ratio(served_count, target_count):
+def coverage_ratio(served_count: Numeric, target_count: Numeric) -> Numeric:
     """r^cov, eq. (cov_reward): served over target users; 1 if there is nobody to serve (M14)."""
     return (served_count + (target_count == 0)) / np.maximum(target_count, 1)
 
 
 @register_jitable
-def energy_efficiency(sum_rate_bps, total_power_w, epsilon_w):
-    """System energy efficiency in bit/J: sum rate over total power, eq. (ee_reward) unnormalised."""
+def energy_efficiency(sum_rate_bps: Numeric, total_power_w: Numeric, epsilon_w: Numeric) -> Numeric:
+    """EE_sys in bit/J: sum rate over total power, eq. (ee_reward) before Norm(·)."""
     return sum_rate_bps / (total_power_w + epsilon_w)
 
 
 @register_jitable
-def normalised_energy_efficiency(efficiency_bit_per_joule, scale_bit_per_joule):
+def normalised_energy_efficiency(
+    efficiency_bit_per_joule: Numeric, scale_bit_per_joule: Numeric
+) -> Numeric:
     """Norm(EE) = EE / EE_max clipped to [0, 1] (decision M7)."""
     return np.minimum(np.maximum(efficiency_bit_per_joule / scale_bit_per_joule, 0.0), 1.0)
 
 
 @register_jitable
-def log_rate_utility(rate_bps, low_rate_bps, high_rate_bps):
+def log_rate_utility(rate_bps: Numeric, low_rate_bps: Numeric, high_rate_bps: Numeric) -> Numeric:
     """One user's term of the PF reward (M13): log(R/R_lo) / log(R_hi/R_lo) clipped to [0, 1]."""
     ratio = np.maximum(rate_bps, low_rate_bps) / low_rate_bps
     return np.minimum(np.log(ratio) / np.log(high_rate_bps / low_rate_bps), 1.0)
@@ -45,13 +47,13 @@ def log_rate_utility(rate_bps, low_rate_bps, high_rate_bps):
 
 @register_jitable
 def penalty(
-    close_uav_count,
-    leaves_flight_box,
-    backhaul_is_weak,
-    collision_penalty,
-    boundary_penalty,
-    backhaul_penalty,
-):
+    close_uav_count: Numeric,
+    leaves_flight_box: Numeric,
+    backhaul_is_weak: Numeric,
+    collision_penalty: Numeric,
+    boundary_penalty: Numeric,
+    backhaul_penalty: Numeric,
+) -> Numeric:
     """r^pen of one UAV, eq. (penalty_reward); the first three are counts or 0/1 indicators."""
     return (
         collision_penalty * close_uav_count
@@ -62,16 +64,16 @@ def penalty(
 
 @register_jitable
 def composite_reward(
-    coverage_weight,
-    efficiency_weight,
-    load_weight,
-    rate_weight,
-    coverage,
-    efficiency,
-    load_fairness,
-    rate_fairness,
-):
-    """The four shared terms of eq. (hybrid_reward), which are also U_total, eq. (global_utility)."""
+    coverage_weight: Numeric,
+    efficiency_weight: Numeric,
+    load_weight: Numeric,
+    rate_weight: Numeric,
+    coverage: Numeric,
+    efficiency: Numeric,
+    load_fairness: Numeric,
+    rate_fairness: Numeric,
+) -> Numeric:
+    """The shared terms of eq. (hybrid_reward), which are U_total, eq. (global_utility), too."""
     return (
         coverage_weight * coverage
         + efficiency_weight * efficiency

@@ -7,6 +7,7 @@ call the same rules. Shares are fractions of the sub-band and sum to 1.
 import numpy as np
 from numba.extending import register_jitable
 from numpy.typing import ArrayLike, NDArray
+from orchid_uav.envs.units import Numeric
 
 MAX_MIN, PROPORTIONAL, SPECTRAL_EFFICIENCY = 0, 1, 2
 SHARE_RULES = {"mmf": MAX_MIN, "pf": PROPORTIONAL, "se": SPECTRAL_EFFICIENCY}
@@ -14,7 +15,7 @@ SHARE_RULES = {"mmf": MAX_MIN, "pf": PROPORTIONAL, "se": SPECTRAL_EFFICIENCY}
 
 
 @register_jitable
-def max_min_share(spectral_efficiency, cell_inverse_sum):
+def max_min_share(spectral_efficiency: Numeric, cell_inverse_sum: Numeric) -> Numeric:
     """Share inverse to spectral efficiency, eq. (ebg_optimal_omega): equal rates within the cell.
 
     ``cell_inverse_sum`` is the sum of 1 / spectral efficiency over the cell.
@@ -23,19 +24,25 @@ def max_min_share(spectral_efficiency, cell_inverse_sum):
 
 
 @register_jitable
-def equal_share(cell_count):
+def equal_share(cell_count: Numeric) -> Numeric:
     """1 / K_n, eq. (user_rate), which also is the maximiser of the sum of log rates (PF)."""
     return 1.0 / cell_count
 
 
 @register_jitable
-def efficiency_share(spectral_efficiency, cell_sum):
+def efficiency_share(spectral_efficiency: Numeric, cell_sum: Numeric) -> Numeric:
     """Share in proportion to spectral efficiency: the paper's description of PF in words."""
     return spectral_efficiency / cell_sum
 
 
 @register_jitable
-def bandwidth_share(rule, spectral_efficiency, cell_count, cell_sum, cell_inverse_sum):
+def bandwidth_share(
+    rule: Numeric,
+    spectral_efficiency: Numeric,
+    cell_count: Numeric,
+    cell_sum: Numeric,
+    cell_inverse_sum: Numeric,
+) -> Numeric:
     """Share of one user under ``rule``, one of MAX_MIN, PROPORTIONAL, SPECTRAL_EFFICIENCY."""
     if rule == MAX_MIN:
         return max_min_share(spectral_efficiency, cell_inverse_sum)

@@ -1,10 +1,10 @@
 """Gymnasium spaces of one UAV's observation and action, and of the global state."""
 
 import math
+from typing import Any
 
 import numpy as np
 from gymnasium import spaces
-
 from orchid_uav.envs.arrays import ACTION_SIZE, OBSERVATION_SIZE, state_size
 
 
@@ -35,6 +35,6 @@ def state_space(uavs: int) -> spaces.Box:
     return spaces.Box(low, high, dtype=np.float32)
 
 
-def centralized_space(observation: spaces.Space, state: spaces.Space) -> spaces.Dict:
+def centralized_space(observation: spaces.Space[Any], state: spaces.Space[Any]) -> spaces.Dict:
     """What centralised training gives each agent: {"observation", "state"}."""
     return spaces.Dict({"observation": observation, "state": state})

@@ -10,13 +10,12 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
+from orchid_uav.envs.centralized import CentralizedState
+from orchid_uav.envs.world import world_seeds
 from pettingzoo import ParallelEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
 from supersuit.vector import ConcatVecEnv, MarkovVectorEnv
 from supersuit.vector.sb3_vector_wrapper import SB3VecEnvWrapper
-
-from orchid_uav.envs.centralized import CentralizedState
-from orchid_uav.envs.world import world_seeds
 
 
 class _DistinctWorlds(ConcatVecEnv):
@@ -47,7 +46,9 @@ class SuperSuitVecEnv(SB3VecEnvWrapper):
             raise ValueError("worlds is 0: at least 1 is needed")
         self.worlds = [CentralizedState(make()) for make in env_makers]
         self.agents_per_world = len(self.worlds[0].possible_agents)
-        rows = _DistinctWorlds([lambda world=world: MarkovVectorEnv(world) for world in self.worlds])
+        rows = _DistinctWorlds(
+            [lambda world=world: MarkovVectorEnv(world) for world in self.worlds]
+        )
         super().__init__(rows)
         self._next_seed = seed
         self._reset_seeds()
@@ -97,9 +98,7 @@ class SuperSuitVecEnv(SB3VecEnvWrapper):
 
     def env_is_wrapped(self, wrapper_class: type, indices: VecEnvIndices = None) -> list[bool]:
         """Whether each row's world is wrapped in ``wrapper_class``."""
-        return [
-            isinstance(self._world(row), wrapper_class) for row in self._get_indices(indices)
-        ]
+        return [isinstance(self._world(row), wrapper_class) for row in self._get_indices(indices)]
 
     def _world(self, row: int) -> CentralizedState:
         return self.worlds[row // self.agents_per_world]

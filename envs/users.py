@@ -3,8 +3,8 @@
 import numpy as np
 from numba.extending import register_jitable
 from numpy.typing import ArrayLike, NDArray
-
 from orchid_uav.envs.parameters import NetworkParameters
+from orchid_uav.envs.units import Numeric
 
 Positions = NDArray[np.float64]
 
@@ -64,14 +64,14 @@ def check_user_positions(positions_m: ArrayLike, network: NetworkParameters) -> 
 
 
 @register_jitable
-def reflect_into(coordinate_m, area_m):
+def reflect_into(coordinate_m: Numeric, area_m: Numeric) -> Numeric:
     """Fold a coordinate back into [0, ``area_m``] by reflection at both borders, however far."""
     folded = coordinate_m % (2.0 * area_m)
     return area_m - np.abs(area_m - folded)
 
 
 @register_jitable
-def reflection_sign(coordinate_m, area_m):
+def reflection_sign(coordinate_m: Numeric, area_m: Numeric) -> Numeric:
     """-1 where :func:`reflect_into` turns the direction of travel round, else 1."""
     return 1.0 - 2.0 * (np.floor(coordinate_m / area_m) % 2.0)
 
@@ -85,7 +85,7 @@ _ULP = 2.0**-53
 
 
 @register_jitable
-def counter_uniform(key, counter):
+def counter_uniform(key: Numeric, counter: Numeric) -> Numeric:
     """Number ``counter`` of the SplitMix64 sequence seeded with ``key``, as uniform in [0, 1).
 
     Steele, Lea, Flood: Fast splittable pseudorandom number generators (2014). Both arguments are

@@ -4,12 +4,11 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-
 from orchid_uav.envs import channel
 from orchid_uav.envs.arrays import ACTION_SIZE, Constants, Worlds, state_size
 from orchid_uav.envs.deployment import deploy
 from orchid_uav.envs.dynamics import begin_episodes, step_worlds
-from orchid_uav.envs.metrics import EPISODE_METRICS, REWARD, SLOT_METRICS, SUMMED_OVER_SLOTS
+from orchid_uav.envs.metrics import EPISODE_METRICS, SLOT_METRICS, SUMMED_OVER_SLOTS
 from orchid_uav.envs.parameters import Parameters
 from orchid_uav.envs.sharing import equal_share
 from orchid_uav.envs.users import check_user_positions, draw_user_positions
@@ -62,9 +61,7 @@ class WorldBatch:
         self._given_users_m = None
         if user_positions_m is not None:
             self._given_users_m = check_user_positions(user_positions_m, parameters.network)
-            parameters = parameters.with_overrides(
-                {"network.user_count": len(self._given_users_m)}
-            )
+            parameters = parameters.with_overrides({"network.user_count": len(self._given_users_m)})
         self.parameters = parameters
         self.constants = Constants.of(parameters)
         self.world_count = worlds

@@ -1,0 +1,1 @@
+"""Studies: configuration, run directory, training."""

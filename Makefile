@@ -1,0 +1,61 @@
+# Everything happens in .venv with the pinned set of constraints.txt.
+# The package is installed editable and strict: type checkers see it and edits are live, but a new
+# or removed file needs a re-install, hence the list of files that .venv/.linked is made from.
+
+PYTHON ?= python3
+BIN := .venv/bin
+ROOMS := src envs agents callbacks experiments orchid_cli
+JOBS ?= 2
+
+.DEFAULT_GOAL := help
+.PHONY: help install train test lint bench docs mutants clean FORCE
+
+help:  ## list the targets
+	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
+
+install: .venv/.linked  ## build .venv with the development extras
+
+train: install  ## train the paper's run: 700 episodes, about two minutes
+	$(BIN)/orchid train
+
+test: install  ## run the tests
+	$(BIN)/python -m pytest -n $(JOBS)
+
+lint: install  ## ruff and mypy
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy -p orchid_uav
+
+mutants: install  ## plant faults, each of which must turn a test red
+	$(BIN)/python tests/mutants.py
+
+bench: install  ## measure speed and memory, as ratios within one run
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt 'mobile-env'
+	$(BIN)/python -m benchmarks.simulator
+	$(BIN)/python -m benchmarks.training
+
+docs: install  ## build the documentation into site/
+	$(BIN)/python -m docs.generate
+	$(BIN)/mkdocs build --strict
+
+clean:  ## remove everything that was built; runs stay
+	rm -rf .venv build dist site *.egg-info src/*.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+.venv/.installed: pyproject.toml constraints.txt
+	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt torch
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --config-settings editable_mode=strict --editable '.[dev]'
+	@touch $@
+
+.venv/.linked: .venv/.installed .venv/.files
+	$(BIN)/python -m pip install --quiet --no-deps --config-settings editable_mode=strict --editable .
+	@touch $@
+
+# Rewritten only when the list of files has changed.
+.venv/.files: FORCE | .venv/.installed
+	@find $(ROOMS) -name '*.py' | LC_ALL=C sort > $@.new
+	@cmp -s $@.new $@ || cp $@.new $@
+	@rm $@.new
+
+FORCE:

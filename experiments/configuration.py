@@ -1,0 +1,259 @@
+"""The configuration of a run: its sections, and how presets, files and flags are merged."""
+
+import difflib
+import json
+import tomllib
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal, NamedTuple
+
+from orchid_uav.envs.parameters import NotNegative, Pair, Parameters, Positive, Section
+from orchid_uav.experiments.errors import InputError
+from pydantic import Field, ValidationError
+
+Fraction = Annotated[float, Field(ge=0, le=1)]
+
+
+class PpoParameters(Section):
+    """MAPPO."""
+
+    actor_learning_rate: Positive = 1e-4
+    """Learning rate eta_actor."""
+    critic_learning_rate: Positive = 1e-3
+    """Learning rate eta_critic."""
+    discount: Fraction = 0.99
+    """Discount factor gamma_df."""
+    gae_lambda: Fraction = 0.95
+    """Parameter lambda_GAE of the advantage estimation."""
+    clip_ratio: Annotated[float, Field(gt=0, lt=1)] = 0.2
+    """Clip ratio epsilon_clip."""
+    batch_size: Annotated[int, Field(ge=2)] = 128
+    """Samples per gradient step, a sample being one UAV's step."""
+    epochs: Annotated[int, Field(ge=1)] = 4
+    """Passes over each rollout."""
+    entropy_coef: Pair = (0.01, 0.0)
+    """Entropy coefficient c_e at training progress 0 and 1."""
+    value_coef: NotNegative = 0.5
+    """Weight of the value loss (M31)."""
+    max_grad_norm: Positive = 0.5
+    """Gradient norm at which actor and critic are clipped, each by itself (M31)."""
+    hidden_sizes: Annotated[tuple[Annotated[int, Field(ge=1)], ...], Field(min_length=1)] = (
+        256,
+        256,
+        256,
+    )
+    """Hidden layers of actor and critic."""
+    log_std_init: float = 0.0
+    """First value of the actor's log standard deviation (M31)."""
+    adam_epsilon: Positive = 1e-5
+    """Adam's epsilon (M31)."""
+
+
+class ResetParameters(Section):
+    """Reset-and-Finetune."""
+
+    enabled: bool = True
+    """Whether Reset-and-Finetune acts at all."""
+    window: Annotated[int, Field(ge=1)] = 50
+    """Episodes W of each of the two windows compared."""
+    tolerance_jfi: Positive = 0.05
+    """Relative change of the rate JFI below which it counts as plateaued."""
+    tolerance_reward: Positive = 0.05
+    """Relative change of the reward below which it counts as plateaued."""
+    kappa: Annotated[float, Field(gt=0, le=1)] = 0.5
+    """Factor on both learning rates at a reset (M1)."""
+    max_resets: Annotated[int, Field(ge=1)] = 1
+    """Interventions at most (M22)."""
+
+
+class TrainingParameters(Section):
+    """How long, from which seed, with which algorithm."""
+
+    algorithm: Literal["mappo"] = "mappo"
+    """Learning algorithm."""
+    episodes: Annotated[int, Field(ge=1)] = 700
+    """Training episodes E_max."""
+    seed: Annotated[int, Field(ge=0, lt=2**32)] = 0
+    """Seed of topologies, weights and exploration."""
+    worlds: Annotated[int, Field(ge=1)] = 1
+    """Worlds flown side by side; an update follows after each has flown one episode."""
+    threads: Annotated[int, Field(ge=1)] = 1
+    """Threads of torch; one is fastest for networks of this size."""
+
+
+class RunConfig(Parameters):
+    """Everything that defines a run: the network, and how it is learned."""
+
+    ppo: PpoParameters = PpoParameters()
+    """MAPPO."""
+    reset: ResetParameters = ResetParameters()
+    """Reset-and-Finetune."""
+    training: TrainingParameters = TrainingParameters()
+    """Episodes, seed, algorithm."""
+
+    @property
+    def network_parameters(self) -> Parameters:
+        """The part that the simulator needs."""
+        return Parameters.model_validate(self.model_dump(include=set(Parameters.model_fields)))
+
+
+PRESETS: dict[str, dict[str, dict[str, Any]]] = {"paper": {}}
+"""Built-in configurations as differences from the defaults, which are the paper's."""
+
+UNITS = {
+    "bit_per_joule": "bit/J",
+    "dbm_per_hz": "dBm/Hz",
+    "kg_per_m3": "kg/m³",
+    "bps": "bit/s",
+    "dbi": "dBi",
+    "dbm": "dBm",
+    "deg": "°",
+    "mps": "m/s",
+    "db": "dB",
+    "hz": "Hz",
+    "kg": "kg",
+    "m2": "m²",
+    "m": "m",
+    "s": "s",
+    "w": "W",
+}
+"""Units by the ends of field names, longer ends first."""
+
+
+def unit_of(field: str) -> str:
+    """The unit that a field's name ends with, or ''."""
+    for suffix, unit in UNITS.items():
+        if field.endswith("_" + suffix):
+            return unit
+    return ""
+
+
+class Layer(NamedTuple):
+    """Some values of a configuration and where they come from."""
+
+    source: str
+    values: Mapping[str, Any]
+    """By ``"section.key"``."""
+
+
+def configuration_keys() -> list[str]:
+    """All keys as ``"section.key"``, in order."""
+    return [
+        f"{section}.{field}"
+        for section, info in RunConfig.model_fields.items()
+        for field in type(info.default).model_fields
+    ]
+
+
+def flatten(config: RunConfig) -> dict[str, Any]:
+    """Values by ``"section.key"``."""
+    nested = config.model_dump(mode="json")
+    return {
+        f"{section}.{field}": value
+        for section, fields in nested.items()
+        for field, value in fields.items()
+    }
+
+
+def preset_layer(name: str) -> Layer:
+    """A built-in preset."""
+    if name not in PRESETS:
+        raise InputError(_unknown("preset", name, PRESETS))
+    return Layer(f"preset {name}", _by_dotted_key(PRESETS[name], f"preset {name}"))
+
+
+def file_layer(path: Path) -> Layer:
+    """A TOML or JSON file with sections."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"cannot read configuration {path}: {error}") from error
+    try:
+        if path.suffix == ".toml":
+            nested = tomllib.loads(text)
+        elif path.suffix == ".json":
+            nested = json.loads(text)
+        else:
+            raise InputError(f"configuration {path} ends in neither .toml nor .json")
+    except ValueError as error:
+        raise InputError(f"configuration {path} is not valid {path.suffix[1:]}: {error}") from error
+    return Layer(str(path), _by_dotted_key(nested, str(path)))
+
+
+def assignment_layer(assignments: Iterable[str]) -> Layer:
+    """Assignments ``section.key=value`` from the command line, values as in JSON or plain words."""
+    values: dict[str, Any] = {}
+    for assignment in assignments:
+        key, separator, text = assignment.partition("=")
+        if not separator:
+            raise InputError(f"--set {assignment} is not of the form section.key=value")
+        values[key.strip()] = _parse(text.strip())
+    return Layer("--set", values)
+
+
+def merge(layers: Iterable[Layer]) -> tuple[RunConfig, dict[str, str]]:
+    """The configuration in which later layers win, and the source of every value by its key.
+
+    Raises:
+        InputError: an unknown key or a value that does not fit, with the nearest right one.
+    """
+    keys = configuration_keys()
+    values: dict[str, Any] = {}
+    sources = dict.fromkeys(keys, "default")
+    for layer in layers:
+        for key, value in layer.values.items():
+            if key not in sources:
+                raise InputError(f"{_unknown('key', key, keys)} (from {layer.source})")
+            values[key] = value
+            sources[key] = layer.source
+    nested: dict[str, dict[str, Any]] = {}
+    for key, value in values.items():
+        section, field = key.split(".")
+        nested.setdefault(section, {})[field] = value
+    try:
+        return RunConfig.model_validate(nested), sources
+    except ValidationError as error:
+        raise InputError(_describe(error, sources)) from error
+
+
+def _parse(text: str) -> Any:
+    if text.lower() == "none":
+        return None
+    try:
+        return json.loads(text)
+    except ValueError:
+        return text
+
+
+def _by_dotted_key(nested: Any, source: str) -> dict[str, Any]:
+    if not isinstance(nested, Mapping):
+        raise InputError(f"{source} does not consist of sections")
+    flat: dict[str, Any] = {}
+    for section, fields in nested.items():
+        if section not in RunConfig.model_fields:
+            raise InputError(f"{_unknown('section', section, RunConfig.model_fields)} in {source}")
+        if not isinstance(fields, Mapping):
+            raise InputError(f"'{section}' in {source} is not a section with keys")
+        flat |= {f"{section}.{field}": value for field, value in fields.items()}
+    return flat
+
+
+def _unknown(kind: str, name: str, known: Iterable[str]) -> str:
+    candidates = list(known)
+    near = difflib.get_close_matches(name, candidates, n=1, cutoff=0.5)
+    if not near:  # a key whose section is wrong or missing
+        field = name.rpartition(".")[2]
+        near = [key for key in candidates if key.rpartition(".")[2] == field]
+    hint = f"did you mean '{near[0]}'?" if near else f"known are {', '.join(candidates[:12])} ..."
+    return f"unknown {kind} '{name}': {hint}"
+
+
+def _describe(error: ValidationError, sources: Mapping[str, str]) -> str:
+    first = error.errors()[0]
+    location = [str(part) for part in first["loc"]]
+    key = ".".join(location[:2])
+    message = first["msg"].removeprefix("Value error, ")
+    if len(location) < 2:  # a rule about a whole section
+        changed = [f"{name} ({source})" for name, source in sources.items() if source != "default"]
+        return f"{key}: {message}" + (f"; set here: {', '.join(changed)}" if changed else "")
+    return f"{key} = {first['input']!r} ({sources.get(key, 'default')}): {message.lower()}"

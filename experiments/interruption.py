@@ -1,0 +1,39 @@
+"""Ctrl-C and SIGTERM as a request, so that what is done is kept."""
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+
+class Interruption:
+    """Whether a stop was asked for."""
+
+    def __init__(self) -> None:
+        self.requested = False
+
+
+@contextmanager
+def interruption_requests() -> Iterator[Interruption]:
+    """Note SIGINT and SIGTERM instead of dying of them; a second one acts at once.
+
+    Outside the main thread, where Python delivers no signals, nothing is changed.
+    """
+    interruption = Interruption()
+
+    def note(signal_number: int, frame: FrameType | None) -> None:
+        if interruption.requested:
+            raise KeyboardInterrupt
+        interruption.requested = True
+
+    if threading.current_thread() is not threading.main_thread():
+        yield interruption
+        return
+    caught = (signal.SIGINT, signal.SIGTERM)
+    previous = {number: signal.signal(number, note) for number in caught}
+    try:
+        yield interruption
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)

@@ -1,0 +1,72 @@
+"""On what, and with which versions, a run was made."""
+
+import os
+import platform
+import subprocess
+import sys
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+_PACKAGES = ("orchid-uav", "torch", "stable-baselines3", "gymnasium", "numpy", "numba")
+
+
+def describe_versions() -> dict[str, Any]:
+    """Versions of python and of the packages that the numbers depend on, and the git commit."""
+    versions: dict[str, Any] = {"python": platform.python_version()}
+    versions |= {name.replace("-", "_"): version(name) for name in _PACKAGES}
+    return versions | {"git_commit": git_commit()}
+
+
+def describe_host() -> dict[str, Any]:
+    """The machine."""
+    return {
+        "name": platform.node(),
+        "system": platform.platform(),
+        "processor": _processor_name(),
+        "cores": os.cpu_count(),
+    }
+
+
+def describe_process() -> dict[str, Any]:
+    """Enough to tell later whether this very process is still alive."""
+    boot_id = Path("/proc/sys/kernel/random/boot_id")
+    return {
+        "pid": os.getpid(),
+        "boot_id": boot_id.read_text().strip() if boot_id.is_file() else None,
+    }
+
+
+def git_commit() -> str | None:
+    """Commit of the checkout that this code runs from, "+changes" if it differs; None elsewhere."""
+    source = Path(__file__).resolve().parent
+    top = _git(source, "rev-parse", "--show-toplevel")
+    # Installed code may lie inside somebody else's repository.
+    if not top or not (Path(top) / "envs" / "dynamics.py").is_file():
+        return None
+    commit = _git(source, "rev-parse", "HEAD")
+    if commit and _git(source, "status", "--porcelain", "--untracked-files=no"):
+        commit += "+changes"
+    return commit or None
+
+
+def _git(directory: Path, *arguments: str) -> str:
+    try:
+        finished = subprocess.run(
+            ["git", "-C", str(directory), *arguments],
+            capture_output=True,
+            text=True,
+            timeout=10,
+            check=False,
+        )
+    except (OSError, subprocess.TimeoutExpired):
+        return ""
+    return finished.stdout.strip() if finished.returncode == 0 else ""
+
+
+def _processor_name() -> str:
+    if sys.platform == "linux":
+        for line in Path("/proc/cpuinfo").read_text(errors="replace").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.processor()

@@ -1,0 +1,209 @@
+"""One training run, from its configuration to a complete run directory."""
+
+import contextlib
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+import torch
+from orchid_uav.agents.actor import policy_files
+from orchid_uav.agents.mappo import MAPPO
+from orchid_uav.callbacks import (
+    EpisodeLog,
+    ProgressSchedules,
+    ResetAndFinetune,
+    StopOnRequest,
+)
+from orchid_uav.envs.arrays import ACTION_SIZE
+from orchid_uav.envs.vector import FleetVecEnv
+from orchid_uav.experiments.configuration import RunConfig
+from orchid_uav.experiments.errors import RunFailedError
+from orchid_uav.experiments.interruption import interruption_requests
+from orchid_uav.experiments.run_directory import Row, RunDirectory, Status, final_figures
+from orchid_uav.experiments.trackers import SafeTracker
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.logger import Logger
+
+
+class Reporter(Protocol):
+    """Shows a run while it goes on."""
+
+    def begin(self, run: RunDirectory, config: RunConfig) -> None:
+        """The learning loop is about to begin."""
+
+    def show(self, rows: Sequence[Row], reset_episodes: Sequence[int]) -> None:
+        """New episodes have been learned from."""
+
+    def end(self) -> None:
+        """The learning loop has ended."""
+
+
+@dataclass
+class TrainingOutcome:
+    """How a run ended."""
+
+    run: RunDirectory
+    status: Status
+    seconds: float
+    """Of the learning loop, after imports and compilation."""
+    rows: list[Row] = field(default_factory=list)
+    reset_episodes: list[int] = field(default_factory=list)
+
+    def summary(self) -> dict[str, Any]:
+        """The document of ``orchid train --json``."""
+        return {
+            "schema": 1,
+            "run": self.run.id,
+            "path": str(self.run.path),
+            "status": self.status,
+            "episodes": len(self.rows),
+            "seconds": round(self.seconds, 3),
+            "reset_episodes": self.reset_episodes,
+            "final": final_figures(self.rows),
+        }
+
+
+def build_model(config: RunConfig, env: FleetVecEnv) -> MAPPO:
+    """The learner of a configuration."""
+    ppo, training = config.ppo, config.training
+    return MAPPO(
+        "CentralizedCriticPolicy",
+        env,
+        learning_rate=ppo.actor_learning_rate,
+        critic_learning_rate=ppo.critic_learning_rate,
+        n_steps=config.network.episode_slots,
+        batch_size=ppo.batch_size,
+        n_epochs=ppo.epochs,
+        gamma=ppo.discount,
+        gae_lambda=ppo.gae_lambda,
+        clip_range=ppo.clip_ratio,
+        ent_coef=ppo.entropy_coef[0],
+        vf_coef=ppo.value_coef,
+        max_grad_norm=ppo.max_grad_norm,
+        policy_kwargs={
+            "net_arch": ppo.hidden_sizes,
+            "log_std_init": ppo.log_std_init,
+            "optimizer_kwargs": {"eps": ppo.adam_epsilon, "fused": True},
+        },
+        seed=training.seed,
+    )
+
+
+def build_reset_and_finetune(config: RunConfig) -> ResetAndFinetune | None:
+    """The callback of a configuration, None with ``--no-rf``."""
+    if not config.reset.enabled:
+        return None
+    return ResetAndFinetune(**config.reset.model_dump(exclude={"enabled"}))
+
+
+def set_up_torch(threads: int) -> None:
+    """Threads of this process, and no denormal numbers.
+
+    Adam's averages of vanishing gradients decay into denormals, on which the processor computes
+    several times slower: without this an update takes a third longer. They are below 1e-38.
+    """
+    torch.set_num_threads(threads)
+    torch.set_flush_denormal(True)
+
+
+def _compile(env: FleetVecEnv) -> None:
+    """Have the simulator compiled, or read from numba's cache, before time is taken."""
+    env.reset()
+    env.step(np.zeros((env.num_envs, ACTION_SIZE)))
+
+
+def train(
+    config: RunConfig, run: RunDirectory, reporter: Reporter, trackers: Sequence[SafeTracker] = ()
+) -> TrainingOutcome:
+    """Train to the end, or until ctrl-C or SIGTERM, and leave a complete run directory.
+
+    Raises:
+        RunFailedError: training could not go on; the run's status is "failed".
+    """
+    outcome = TrainingOutcome(run, "running", 0.0)
+    started = time.perf_counter()
+    try:
+        set_up_torch(config.training.threads)
+        env = FleetVecEnv(config.network_parameters, config.training.worlds, config.training.seed)
+        model = build_model(config, env)
+        model.set_logger(Logger(folder=None, output_formats=[]))
+        reset_and_finetune = build_reset_and_finetune(config)
+
+        def record(rows: Sequence[Row]) -> None:
+            outcome.rows += rows
+            run.append_episodes(rows)
+            if reset_and_finetune is not None:
+                outcome.reset_episodes = reset_and_finetune.reset_episodes
+            for row in rows:
+                figures = _figures(row, model.logger.name_to_value)
+                for tracker in trackers:
+                    tracker.log(int(row["episode"]), figures)
+            reporter.show(rows, outcome.reset_episodes)
+
+        with interruption_requests() as interruption:
+            callbacks: list[BaseCallback] = (
+                [] if reset_and_finetune is None else [reset_and_finetune]
+            )
+            callbacks += [
+                EpisodeLog(record, reset_and_finetune),
+                ProgressSchedules(config.training.episodes, config.ppo.entropy_coef),
+                StopOnRequest(lambda: interruption.requested),
+            ]
+            _compile(env)
+            env.seed(config.training.seed)
+            reporter.begin(run, config)
+            started = time.perf_counter()
+            try:
+                model.learn(
+                    config.training.episodes * config.network.episode_slots * env.agents_per_world,
+                    callback=callbacks,
+                    log_interval=None,  # type: ignore[arg-type]  # EpisodeLog takes the logger's figures instead
+                )
+            finally:
+                outcome.seconds = time.perf_counter() - started
+                reporter.end()
+            is_complete = len(outcome.rows) == config.training.episodes
+            outcome.status = "completed" if is_complete else "interrupted"
+        _finish(outcome, config, model)
+    except Exception as error:
+        outcome.status = "failed"
+        reason = f"{type(error).__name__}: {error}"
+        _record_failure(outcome, reason)
+        raise RunFailedError(
+            f"run {run.id} failed after {len(outcome.rows)} episodes: {reason}"
+        ) from error
+    finally:
+        for tracker in trackers:
+            tracker.close(outcome.status)
+    return outcome
+
+
+def _figures(row: Row, learner: Mapping[str, Any]) -> dict[str, float]:
+    episode = {f"episode/{name}": value for name, value in row.items() if name != "episode"}
+    return episode | {name: float(value) for name, value in learner.items()}
+
+
+def _finish(outcome: TrainingOutcome, config: RunConfig, model: MAPPO) -> None:
+    files = policy_files(
+        model.policy.actor_layers(),
+        model.policy.log_std.detach().numpy(),
+        {
+            "run": outcome.run.id,
+            "algorithm": config.training.algorithm,
+            "objective": config.reward.objective,
+            "observation": config.uav.observation,
+            "episodes": len(outcome.rows),
+        },
+    )
+    outcome.run.write_policy(files)
+    outcome.run.finish(outcome.status, outcome.rows, outcome.reset_episodes, outcome.seconds)
+
+
+def _record_failure(outcome: TrainingOutcome, reason: str) -> None:
+    # A full disk may be the very failure; the error itself is raised by the caller.
+    with contextlib.suppress(OSError):
+        outcome.run.finish(
+            "failed", outcome.rows, outcome.reset_episodes, outcome.seconds, error=reason
+        )

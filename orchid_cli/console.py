@@ -1,0 +1,79 @@
+"""Where a command prints, and how it fails."""
+
+import sys
+import traceback
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Annotated
+
+import typer
+from orchid_uav.experiments.errors import InputError, RunFailedError
+from rich.console import Console
+from rich.table import Table
+
+FAILED, WRONG_INPUT, INTERRUPTED = 1, 2, 130
+"""Exit codes besides 0."""
+
+OUTPUT_PANEL = "Output"
+JsonOption = Annotated[
+    bool,
+    typer.Option(
+        "--json",
+        help="One JSON document on stdout, everything else on stderr.",
+        rich_help_panel=OUTPUT_PANEL,
+    ),
+]
+QuietOption = Annotated[
+    bool, typer.Option("--quiet", help="No progress.", rich_help_panel=OUTPUT_PANEL)
+]
+DebugOption = Annotated[
+    bool,
+    typer.Option("--debug", help="Show the traceback of an error.", rich_help_panel=OUTPUT_PANEL),
+]
+
+
+def console(stderr: bool = False) -> Console:
+    """A console whose lines are never cut to a width off a terminal."""
+    made = Console(stderr=stderr, highlight=False)
+    if not made.is_terminal:
+        made = Console(stderr=stderr, highlight=False, soft_wrap=True)
+    return made
+
+
+def print_error(message: str) -> None:
+    """One error on stderr."""
+    Console(stderr=True, highlight=False, soft_wrap=True).print(
+        f"[bold red]error:[/] {_escaped(message)}"
+    )
+
+
+def print_table(out: Console, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """A table on a terminal, tab-separated lines elsewhere."""
+    if not out.is_terminal:
+        for row in (columns, *rows):
+            print("\t".join(row), file=out.file)
+        return
+    table = Table(*columns, box=None, pad_edge=False, header_style="bold")
+    for row in rows:
+        table.add_row(*(_escaped(cell) for cell in row))
+    out.print(table)
+
+
+@contextmanager
+def failing_well(debug: bool) -> Iterator[None]:
+    """Turn errors into one or two lines on stderr and an exit code."""
+    try:
+        yield
+    except (InputError, RunFailedError) as error:
+        if debug:
+            traceback.print_exc()
+        print_error(str(error))
+        code = WRONG_INPUT if isinstance(error, InputError) else FAILED
+        raise typer.Exit(code) from error
+    except KeyboardInterrupt as error:
+        print("interrupted", file=sys.stderr)
+        raise typer.Exit(INTERRUPTED) from error
+
+
+def _escaped(text: str) -> str:
+    return text.replace("[", r"\[")

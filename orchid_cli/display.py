@@ -1,0 +1,181 @@
+"""How a training run looks while it goes on."""
+
+import time
+from collections.abc import Sequence
+
+from orchid_uav.experiments.configuration import RunConfig
+from orchid_uav.experiments.run_directory import Row, RunDirectory
+from rich.console import Console, Group
+from rich.live import Live
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+from rich.table import Table
+
+_SECONDS_BETWEEN_LINES = 5.0
+_RECENT = 50
+
+
+def figure_texts(figures: Row) -> dict[str, str]:
+    """An episode's figures, or means of several, as people read them."""
+    return {
+        "reward": f"{figures['reward']:.1f}",
+        "coverage": f"{figures['coverage']:.3f}",
+        "energy efficiency": f"{figures['energy_efficiency_bit_per_joule'] / 1e6:.3f} Mbit/J",
+        "rate JFI": f"{figures['rate_jfi']:.3f}",
+        "load JFI": f"{figures['load_jfi']:.3f}",
+        "worst user": f"{figures['worst_rate_bps'] / 1e6:.2f} Mbit/s",
+    }
+
+
+class SilentReporter:
+    """Shows nothing."""
+
+    def begin(self, run: RunDirectory, config: RunConfig) -> None:
+        """Nothing."""
+
+    def show(self, rows: Sequence[Row], reset_episodes: Sequence[int]) -> None:
+        """Nothing."""
+
+    def end(self) -> None:
+        """Nothing."""
+
+
+class _RunningFigures:
+    """What both displays know of the run."""
+
+    def __init__(self, config: RunConfig) -> None:
+        self.config = config
+        self.rows: list[Row] = []
+        self.resets: Sequence[int] = []
+        self._began = time.monotonic()
+
+    def add(self, rows: Sequence[Row], reset_episodes: Sequence[int]) -> None:
+        self.rows += rows
+        self.resets = reset_episodes
+
+    @property
+    def elapsed_s(self) -> float:
+        return time.monotonic() - self._began
+
+    @property
+    def steps_per_s(self) -> float:
+        """Slots flown per second, those of all worlds together."""
+        slots = len(self.rows) * self.config.network.episode_slots
+        return slots / max(self.elapsed_s, 1e-9)
+
+    @property
+    def remaining_s(self) -> float:
+        left = self.config.training.episodes - len(self.rows)
+        return left * self.elapsed_s / max(len(self.rows), 1)
+
+    def recent_means(self) -> Row:
+        recent = self.rows[-_RECENT:]
+        return {name: sum(row[name] for row in recent) / len(recent) for name in recent[0]}
+
+    def reset_state(self) -> str:
+        reset = self.config.reset
+        if not reset.enabled:
+            return "off"
+        if self.resets:
+            episodes = ", ".join(map(str, self.resets))
+            return f"reset at {episodes}; {reset.max_resets - len(self.resets)} left"
+        first = 2 * reset.window
+        if len(self.rows) < first:
+            return f"windows fill until episode {first}"
+        return "watching for a plateau"
+
+
+class LineReporter:
+    """A line every few seconds, for logs."""
+
+    def __init__(self, out: Console) -> None:
+        self._out = out
+
+    def begin(self, run: RunDirectory, config: RunConfig) -> None:
+        """Say where the run is."""
+        self._figures = _RunningFigures(config)
+        self._last_line_s = -_SECONDS_BETWEEN_LINES
+        self._out.print(f"run {run.id} in {run.path}")
+
+    def show(self, rows: Sequence[Row], reset_episodes: Sequence[int]) -> None:
+        """Print a line if one is due."""
+        known_resets = len(self._figures.resets)
+        self._figures.add(rows, list(reset_episodes))
+        for episode in reset_episodes[known_resets:]:
+            actor, critic = rows[-1]["actor_lr"], rows[-1]["critic_lr"]
+            self._out.print(
+                f"episode {episode}: plateau, optimizer reset, learning rates {actor:g} {critic:g}"
+            )
+        is_last = len(self._figures.rows) == self._figures.config.training.episodes
+        if is_last or self._figures.elapsed_s - self._last_line_s >= _SECONDS_BETWEEN_LINES:
+            self._last_line_s = self._figures.elapsed_s
+            self._out.print(self._line())
+
+    def _line(self) -> str:
+        figures = self._figures
+        texts = figure_texts(figures.recent_means())
+        shown = ", ".join(f"{name} {text}" for name, text in texts.items())
+        return (
+            f"episode {len(figures.rows)}/{figures.config.training.episodes}: {shown}; "
+            f"{figures.steps_per_s:.0f} steps/s, {figures.remaining_s:.0f} s left"
+        )
+
+    def end(self) -> None:
+        """Nothing more to say."""
+
+
+class LiveReporter:
+    """A progress bar over a table of figures, for terminals."""
+
+    def __init__(self, out: Console) -> None:
+        self._out = out
+
+    def begin(self, run: RunDirectory, config: RunConfig) -> None:
+        """Open the display."""
+        self._figures = _RunningFigures(config)
+        self._progress = Progress(
+            TextColumn("[bold]episode"),
+            MofNCompleteColumn(),
+            BarColumn(bar_width=None),
+            TextColumn("{task.percentage:.0f} %"),
+            TimeElapsedColumn(),
+            TextColumn("left"),
+            TimeRemainingColumn(),
+            console=self._out,
+            expand=True,
+        )
+        self._task = self._progress.add_task("", total=config.training.episodes)
+        self._out.print(f"run [bold]{run.id}[/]")
+        self._live = Live(self._progress, console=self._out, refresh_per_second=8)
+        self._live.start()
+
+    def show(self, rows: Sequence[Row], reset_episodes: Sequence[int]) -> None:
+        """Move on."""
+        self._figures.add(rows, list(reset_episodes))
+        self._progress.update(self._task, completed=len(self._figures.rows))
+        self._live.update(Group(self._progress, self._table()))
+
+    def _table(self) -> Table:
+        figures = self._figures
+        last = figures.rows[-1]
+        now, recent = figure_texts(last), figure_texts(figures.recent_means())
+        table = Table(box=None, pad_edge=False, header_style="dim")
+        table.add_column("")
+        table.add_column("last episode", justify="right")
+        table.add_column(f"mean of {min(_RECENT, len(figures.rows))}", justify="right")
+        for name, text in now.items():
+            table.add_row(name, text, recent[name])
+        table.add_row("learning rates", f"{last['actor_lr']:g} / {last['critic_lr']:g}", "")
+        table.add_row("Reset-and-Finetune", figures.reset_state(), "")
+        table.add_row("steps/s", f"{figures.steps_per_s:.0f}", "")
+        return table
+
+    def end(self) -> None:
+        """Close the display, leaving its last state."""
+        self._live.stop()

@@ -1,0 +1,141 @@
+"""``orchid train``."""
+
+import json
+import shlex
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from orchid_uav.cli.configuring import (
+    AlgorithmOption,
+    ConfigOption,
+    DistributionOption,
+    EpisodesOption,
+    InitOption,
+    KappaOption,
+    NoResetOption,
+    ObjectiveOption,
+    PresetOption,
+    SeedOption,
+    SetOption,
+    SharesOption,
+    UavsOption,
+    UsersOption,
+    WorldsOption,
+    configuration,
+)
+from orchid_uav.cli.console import (
+    INTERRUPTED,
+    OUTPUT_PANEL,
+    DebugOption,
+    JsonOption,
+    QuietOption,
+    console,
+    failing_well,
+    print_table,
+)
+from rich.console import Console
+
+if TYPE_CHECKING:
+    from orchid_uav.experiments.training import Reporter, TrainingOutcome
+
+
+def train(
+    context: typer.Context,
+    preset: PresetOption = "paper",
+    config: ConfigOption = None,
+    assignments: SetOption = None,
+    uavs: UavsOption = None,
+    users: UsersOption = None,
+    distribution: DistributionOption = None,
+    init: InitOption = None,
+    objective: ObjectiveOption = None,
+    shares: SharesOption = None,
+    episodes: EpisodesOption = None,
+    seed: SeedOption = None,
+    worlds: WorldsOption = None,
+    algorithm: AlgorithmOption = None,
+    kappa: KappaOption = None,
+    no_rf: NoResetOption = False,
+    name: Annotated[
+        str, typer.Option(help="Part of the run's id.", rich_help_panel=OUTPUT_PANEL)
+    ] = "orchid",
+    runs_dir: Annotated[
+        Path,
+        typer.Option(
+            envvar="ORCHID_RUNS_DIR",
+            help="Where run directories are made.",
+            rich_help_panel=OUTPUT_PANEL,
+        ),
+    ] = Path("runs"),
+    track: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Export figures as well to: tensorboard (always on), mlflow, trackio.",
+            rich_help_panel=OUTPUT_PANEL,
+            show_default=False,
+        ),
+    ] = None,
+    as_json: JsonOption = False,
+    quiet: QuietOption = False,
+    debug: DebugOption = False,
+) -> None:
+    """Train one run: by default the paper's, 700 episodes of 200 slots with 6 UAVs.
+
+    Ctrl-C ends it between two updates and keeps what is done.
+
+    Example: orchid train --uavs 8 --objective pf --no-rf --seed 3 --name pf-8
+    """
+    with failing_well(debug):
+        merged, _ = configuration(context)
+        out = console(stderr=as_json)
+        if merged.reset.enabled and 2 * merged.reset.window >= merged.training.episodes:
+            console(stderr=True).print(
+                f"note: Reset-and-Finetune cannot act, as two windows of {merged.reset.window} "
+                f"episodes do not fit in {merged.training.episodes} episodes"
+            )
+        # torch and SB3 take seconds to import: not before the input is known to be right.
+        from orchid_uav.experiments.run_directory import RunDirectory
+        from orchid_uav.experiments.trackers import TRACKERS, open_tracker
+        from orchid_uav.experiments.training import train as run_training
+
+        for tracker in track or []:
+            if tracker not in TRACKERS:
+                open_tracker(tracker, runs_dir, merged)
+        run = RunDirectory.create(runs_dir, name, merged, ["orchid", *sys.argv[1:]])
+        wanted = dict.fromkeys(["tensorboard", *(track or [])])
+        trackers = [open_tracker(tracker, run.path, merged) for tracker in wanted]
+        outcome = run_training(merged, run, _reporter(out, quiet), trackers)
+        if as_json:
+            print(json.dumps(outcome.summary(), allow_nan=False))
+        else:
+            _print_outcome(out, outcome)
+        if outcome.status == "interrupted":
+            raise typer.Exit(INTERRUPTED)
+
+
+def _reporter(out: Console, quiet: bool) -> "Reporter":
+    from orchid_uav.cli.display import LineReporter, LiveReporter, SilentReporter
+
+    if quiet:
+        return SilentReporter()
+    return LiveReporter(out) if out.is_terminal else LineReporter(out)
+
+
+def _print_outcome(out: Console, outcome: "TrainingOutcome") -> None:
+    from orchid_uav.cli.display import figure_texts
+
+    rows = len(outcome.rows)
+    if rows:
+        final = outcome.run.record["final"]
+        print_table(
+            out,
+            ["mean of the last episodes", str(min(rows, 50))],
+            [[name, text] for name, text in figure_texts(final).items()],
+        )
+    resets = ", ".join(map(str, outcome.reset_episodes)) or "none"
+    out.print(
+        f"{outcome.status}: {rows} episodes in {outcome.seconds:.1f} s, resets at episode: {resets}"
+    )
+    out.print(f"run directory: {shlex.quote(str(outcome.run.path))}")
