@@ -1,8 +1,8 @@
 """The simulator's step in plain NumPy: the yard-stick of its speed, and a second opinion on it.
 
-One call of :func:`step_worlds` does to the arrays of :class:`orchid_uav.envs.arrays.Worlds` what the
-compiled function of that name does, with the same equations, but on whole arrays: no Python loop
-over worlds, UAVs or users. ``tests/test_numpy_world.py`` compares the two, slot by slot.
+One call of :func:`step_worlds` does to the arrays of :class:`orchid_uav.envs.arrays.Worlds` what
+the compiled function of that name does, with the same equations, but on whole arrays: no Python
+loop over worlds, UAVs or users. ``tests/test_numpy_world.py`` compares the two, slot by slot.
 """
 
 from functools import lru_cache
@@ -48,7 +48,13 @@ from orchid_uav.envs.users import counter_uniform, reflect_into, reflection_sign
 Integers = NDArray[np.int64]
 
 
-def step_worlds(constants: Constants, worlds: Worlds, actions: Floats, progress: float) -> None:
+def step_worlds(
+    constants: Constants,
+    worlds: Worlds,
+    actions: Floats,
+    progress: float,
+    prune: bool = False,
+) -> None:
     """Move every world on by one slot, in place.
 
     Args:
@@ -56,13 +62,14 @@ def step_worlds(constants: Constants, worlds: Worlds, actions: Floats, progress:
         worlds: B worlds in the midst of their episodes.
         actions: (B, N, 4), clipped here to [-1, 1].
         progress: training progress tau in [0, 1], which sets the weights.
+        prune: rule UAVs out before any logarithm is taken, as the compiled step does.
     """
     _move_uavs(constants, worlds, actions)
     if constants.user_speed_mps > 0.0:
         _move_users(constants, worlds)
         _count_users(constants, worlds)
     worlds.slot[:] += 1
-    _serve(constants, worlds)
+    _serve(constants, worlds, prune)
     _watch_constraints(constants, worlds)
     _score(constants, worlds, progress)
     _observe(constants, worlds)
@@ -119,13 +126,12 @@ def _turn_users(constants: Constants, worlds: Worlds, turning: Integers) -> None
 
 
 def _count_users(constants: Constants, worlds: Worlds) -> None:
-    world_count, _, users = worlds.users_m.shape
     cells = (worlds.users_m * (HISTOGRAM_CELLS / constants.area_m)).astype(np.int64)
     np.minimum(cells, HISTOGRAM_CELLS - 1, out=cells)
     cell = cells[:, 0] * HISTOGRAM_CELLS + cells[:, 1]
     counts = _sum_by_bin(cell, HISTOGRAM_CELLS * HISTOGRAM_CELLS)
     first = worlds.observations[0].size
-    worlds.states[:, first : first + counts.shape[1]] = counts / users
+    worlds.states[:, first : first + counts.shape[1]] = counts / worlds.users_m.shape[2]
 
 
 @lru_cache
@@ -140,29 +146,71 @@ def _sum_by_bin(bin_of: Integers, bins: int, weights: Floats | None = None) -> N
     return summed.reshape(len(bin_of), bins)
 
 
-def _serve(constants: Constants, worlds: Worlds) -> None:
+def _serve(constants: Constants, worlds: Worlds, prune: bool) -> None:
     ground_squared_m2 = worlds.users_m[:, None, 0] - worlds.positions_m[..., 0, None]
     ground_squared_m2 *= ground_squared_m2
     along_y_m2 = worlds.users_m[:, None, 1] - worlds.positions_m[..., 1, None]
     along_y_m2 *= along_y_m2
     ground_squared_m2 += along_y_m2
     np.sqrt(ground_squared_m2.min(axis=2), out=worlds.nearest_user_m)
-    path_loss_db = air_to_ground_path_loss_db(
-        np.sqrt(ground_squared_m2, out=ground_squared_m2),
-        worlds.positions_m[..., 2, None],
-        *constants.link,
-    )
-    power_w = received_power_w(
-        worlds.transmit_powers_w[..., None], constants.access_gain_db, path_loss_db
-    )
-    strongest = power_w.argmax(axis=1)
-    snr = power_w.max(axis=1)
-    snr /= constants.access_noise_power_w
+    received = _received_from_few_w if prune else _received_from_all_w
+    power_w = received(constants, worlds, ground_squared_m2)
+    best_power_w = power_w.max(axis=1)
+    strongest = _first_of_equals(power_w == best_power_w[:, None])
+    snr = np.divide(best_power_w, constants.access_noise_power_w, out=best_power_w)
     served = snr >= constants.required_snr
     served &= worlds.target_users
     worlds.association[:] = np.where(served, strongest, -1)
     worlds.spectral_efficiency[:] = np.where(served, spectral_efficiency(snr), 0.0)
     _share(constants, worlds, served)
+
+
+def _received_from_all_w(constants: Constants, worlds: Worlds, ground_squared_m2: Floats) -> Floats:
+    """Received powers (B, N, M); ``ground_squared_m2`` is used up."""
+    path_loss_db = air_to_ground_path_loss_db(
+        np.sqrt(ground_squared_m2, out=ground_squared_m2),
+        worlds.positions_m[..., 2, None],
+        *constants.link,
+    )
+    return received_power_w(
+        worlds.transmit_powers_w[..., None], constants.access_gain_db, path_loss_db
+    )
+
+
+def _received_from_few_w(constants: Constants, worlds: Worlds, ground_squared_m2: Floats) -> Floats:
+    """Received powers (B, N, M), 0 for UAVs that cannot be a user's strongest.
+
+    The rule of ``orchid_uav.envs.dynamics``: next to the nearest UAV, distances weighted by power,
+    only those seen higher count. It needs ``LOSS_IS_MONOTONE``.
+    """
+    altitude_m = worlds.positions_m[..., 2]
+    altitude_squared = np.square(altitude_m)[..., None]
+    distance_squared = ground_squared_m2 + altitude_squared
+    nearness = worlds.transmit_powers_w[..., None] / distance_squared
+    elevation = np.divide(altitude_squared, distance_squared, out=distance_squared)
+    is_nearest = nearness == nearness.max(axis=1, keepdims=True)
+    elevation_of_nearest = np.where(is_nearest, elevation, 0.0).max(axis=1, keepdims=True)
+    is_candidate = elevation > elevation_of_nearest
+    is_candidate |= is_nearest
+    is_candidate &= worlds.target_users[:, None]
+    links = np.flatnonzero(is_candidate)
+    uavs = links // ground_squared_m2.shape[2]
+    path_loss_db = air_to_ground_path_loss_db(
+        np.sqrt(ground_squared_m2.ravel()[links]), altitude_m.ravel()[uavs], *constants.link
+    )
+    power_w = nearness
+    power_w.fill(0.0)
+    power_w.ravel()[links] = received_power_w(
+        worlds.transmit_powers_w.ravel()[uavs], constants.access_gain_db, path_loss_db
+    )
+    return power_w
+
+
+def _first_of_equals(is_best: NDArray[np.bool_]) -> Integers:
+    """First index along axis 1 that is True, (B, M); several times faster than ``argmax``."""
+    count = is_best.shape[1]
+    rank = is_best * np.arange(count, 0, -1, dtype=np.int16)[:, None]
+    return count - rank.max(axis=1).astype(np.int64)
 
 
 def _share(constants: Constants, worlds: Worlds, served: NDArray[np.bool_]) -> None:
@@ -199,9 +247,7 @@ def _watch_constraints(constants: Constants, worlds: Worlds) -> None:
         constants.backhaul_noise_power_w,
     )
     worlds.backhaul_snr_db[:] = linear_to_decibel(snr)
-    np.less(
-        worlds.backhaul_snr_db, constants.backhaul_required_snr_db, out=worlds.weak_backhaul
-    )
+    np.less(worlds.backhaul_snr_db, constants.backhaul_required_snr_db, out=worlds.weak_backhaul)
     worlds.violation_slots[..., 0] += worlds.close_uavs > 0
     worlds.violation_slots[..., 1] += worlds.left_flight_box
     worlds.violation_slots[..., 2] += worlds.weak_backhaul
@@ -229,7 +275,7 @@ def _score(constants: Constants, worlds: Worlds, progress: float) -> None:
     metrics[:, ENERGY_EFFICIENCY] = efficiency
     metrics[:, RATE_JFI] = rate_jfi
     metrics[:, LOAD_JFI] = load_jfi
-    worst_rate = rates.min(axis=1, where=targets, initial=np.inf)
+    worst_rate = np.where(targets, rates, np.inf).min(axis=1)
     metrics[:, WORST_RATE] = np.where(target_count > 0, worst_rate, 0.0)
     metrics[:, SUM_RATE] = sum_rate
     metrics[:, PROPULSION_POWER] = fleet_propulsion_w
@@ -239,8 +285,9 @@ def _score(constants: Constants, worlds: Worlds, progress: float) -> None:
 
     rate_term = rate_jfi
     if constants.rewards_log_rates:
+        # A rate of 0, as of all users but the targets, has utility 0.
         utility = log_rate_utility(rates, constants.log_rate_floor_bps, constants.best_rate_bps)
-        rate_term = utility.sum(axis=1, where=targets) / np.maximum(target_count, 1)
+        rate_term = utility.sum(axis=1) / np.maximum(target_count, 1)
     shared = composite_reward(
         constants.coverage_weight,
         linear_schedule(*constants.efficiency_weight, progress),
@@ -261,7 +308,7 @@ def _score(constants: Constants, worlds: Worlds, progress: float) -> None:
     )
     penalties *= linear_schedule(*constants.penalty_weight, progress)
     np.subtract(shared[:, None], penalties, out=worlds.rewards)
-    worlds.episode_sums[:, 0] += worlds.rewards.mean(axis=1)
+    worlds.episode_sums[:, 0] += worlds.rewards.sum(axis=1) / uavs
     worlds.episode_sums[:, 1:] += metrics
 
 

@@ -428,7 +428,7 @@ def test_every_parameter_of_the_network_acts():
     }
     others = {  # where 1.3 times the value would be invalid, or too little to matter
         "network.hotspot_count": 3,
-        "uav.min_separation_m": 150.0,
+        "uav.min_separation_m": 250.0,
         "reward.power_epsilon_w": 1.0,
         "rotor.climb_power": True,
         "network.distribution": "uniform",
@@ -454,7 +454,7 @@ def test_every_parameter_of_the_network_acts():
     }
     base = {
         "network.user_speed_mps": 2.0,
-        "network.area_m": 500.0,
+        "network.area_m": 300.0,
         "uav.min_separation_m": 60.0,
         "channel.backhaul_required_snr_db": 45.0,
         "channel.required_snr_db": 20.0,
@@ -468,7 +468,7 @@ def test_every_parameter_of_the_network_acts():
         world.set_progress(0.5)
         world.reset()
         generator = np.random.default_rng(0)
-        for _ in range(12):
+        for _ in range(20):
             world.step(generator.uniform(-1, 1, (1, world.uav_count, 4)))
         arrays = world.arrays._asdict()
         return b"".join(array.tobytes() for array in arrays.values()) + (
