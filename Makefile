@@ -8,10 +8,10 @@ ROOMS := src envs agents callbacks experiments orchid_cli
 JOBS ?= 2
 
 .DEFAULT_GOAL := help
-.PHONY: help install train test lint bench docs mutants clean FORCE
+.PHONY: help install train test lint bench docs docs-data mutants clean FORCE
 
 help:  ## list the targets
-	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
 
 install: .venv/.linked  ## build .venv with the development extras
 
@@ -34,9 +34,11 @@ bench: install  ## measure speed and memory, as ratios within one run
 	$(BIN)/python -m benchmarks.simulator
 	$(BIN)/python -m benchmarks.training
 
-docs: install  ## build the documentation into site/
+docs-data: install  ## numbers and figures of the documentation, from benchmarks/results
 	$(BIN)/python -m docs.generate
-	$(BIN)/mkdocs build --strict
+
+docs: install  ## build the documentation into site/
+	$(BIN)/mkdocs build --strict --quiet
 
 clean:  ## remove everything that was built; runs stay
 	rm -rf .venv build dist site *.egg-info src/*.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis

@@ -1,10 +1,88 @@
 """Common to all tests."""
 
+import subprocess
+import sys
+
 import pytest
 import torch
+from tests.running import Finished, fingerprint
 
 
 @pytest.fixture(autouse=True, scope="session")
 def _one_thread_per_process() -> None:
     """pytest-xdist runs a process per core; more torch threads than that slow all of them down."""
     torch.set_num_threads(1)
+
+
+@pytest.fixture
+def plain_environment(monkeypatch):
+    """Nothing that decides where a command writes, or how, is left from the caller."""
+    for name in ("FORCE_COLOR", "NO_COLOR", "TTY_COMPATIBLE", "ORCHID_RUNS_DIR", "PYTHONWARNINGS"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("TERM", "xterm-256color")
+    monkeypatch.setenv("COLUMNS", "100")
+
+
+@pytest.fixture
+def torch_as_before():
+    """Undo what a run sets for the whole process."""
+    yield
+    torch.set_flush_denormal(False)
+
+
+@pytest.fixture
+def runs_dir(tmp_path):
+    """Where a test's runs go. An earlier run lies there, which nothing may touch."""
+    directory = tmp_path / "runs"
+    earlier = directory / "20200101T000000Z-earlier-s0-abcd"
+    (earlier / "checkpoints" / "100").mkdir(parents=True)
+    for name in ("run.json", "episodes.csv", "policy.safetensors", "checkpoints/100/state.json"):
+        (earlier / name).write_text(f"{name} of an earlier run\n")
+    before = fingerprint(earlier)
+    yield directory
+    assert fingerprint(earlier) == before
+
+
+@pytest.fixture
+def new_runs(runs_dir):
+    """Calls give the directories under ``runs_dir`` that the test has made, oldest first."""
+    there_before = set(runs_dir.iterdir())
+
+    def find():
+        return sorted(set(runs_dir.iterdir()) - there_before)
+
+    return find
+
+
+@pytest.fixture
+def orchid(capsys, plain_environment, torch_as_before):
+    """Runs the ``orchid`` command in this process."""
+    from orchid_uav.cli.main import main
+
+    def run(*arguments):
+        capsys.readouterr()
+        code = main([str(argument) for argument in arguments])
+        captured = capsys.readouterr()
+        return Finished(code, captured.out, captured.err)
+
+    return run
+
+
+@pytest.fixture
+def start_orchid(plain_environment):
+    """Starts the ``orchid`` command as a process of its own."""
+    started = []
+
+    def start(*arguments, **options):
+        process = subprocess.Popen(
+            [sys.executable, "-m", "orchid_uav", *map(str, arguments)],
+            text=True,
+            **{"stdout": subprocess.PIPE, "stderr": subprocess.PIPE} | options,
+        )
+        started.append(process)
+        return process
+
+    yield start
+    for process in started:
+        process.kill()
+        process.communicate()

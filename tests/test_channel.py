@@ -57,9 +57,7 @@ def test_ground_loss_by_hand():
 def test_backhaul_snr_is_the_closed_form_of_the_paper():
     radio = ChannelParameters()
     noise_w = 1e-3 * 10 ** (-174 / 10) * 20e6
-    expected = (
-        1.0 * 299_792_458.0**2 / ((4 * math.pi * 2.4e9 * 700.0) ** 2 * noise_w)
-    )
+    expected = 1.0 * 299_792_458.0**2 / ((4 * math.pi * 2.4e9 * 700.0) ** 2 * noise_w)
     snr = channel.backhaul_snr(700.0, 1.0, 0.0, 2.4e9, radio.noise_power_w(20e6))
     assert snr == pytest.approx(expected, rel=1e-12)
     assert math.isfinite(channel.backhaul_snr(0.0, 1.0, 0.0, 2.4e9, noise_w))

@@ -68,9 +68,7 @@ class TestDeploy:
         parameters = Parameters().with_overrides({"init": "random", "min_separation_m": 300.0})
         users = draw_user_positions(parameters.network, generator)
         found = deploy(users, parameters, generator)
-        gaps = np.linalg.norm(
-            found.uav_positions_m[:, None] - found.uav_positions_m[None], axis=2
-        )
+        gaps = np.linalg.norm(found.uav_positions_m[:, None] - found.uav_positions_m[None], axis=2)
         assert gaps[~np.eye(6, dtype=bool)].min() >= 300.0
         np.testing.assert_array_equal(
             found.target_users,
@@ -110,9 +108,9 @@ class TestUsers:
         assert stats.chisquare(counts).pvalue > 1e-3
 
     def test_uniform_users_are_uniform(self):
-        network = Parameters().with_overrides(
-            {"distribution": "uniform", "user_count": 5000}
-        ).network
+        network = (
+            Parameters().with_overrides({"distribution": "uniform", "user_count": 5000}).network
+        )
         users = draw_user_positions(network, np.random.default_rng(0))
         for axis in range(2):
             assert stats.kstest(users[:, axis] / 2000.0, "uniform").pvalue > 1e-3

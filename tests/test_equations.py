@@ -15,7 +15,9 @@ from scipy.optimize import linprog, minimize
 ZENG = RotorParameters(blade_profile_power_w=79.86, induced_power_w=88.63)
 efficiencies = arrays(np.float64, st.integers(1, 12), elements=st.floats(0.05, 20.0))
 rates = arrays(
-    np.float64, st.integers(1, 30), elements=st.just(0.0) | st.floats(1.0, 1e8, allow_subnormal=False)
+    np.float64,
+    st.integers(1, 30),
+    elements=st.just(0.0) | st.floats(1.0, 1e8, allow_subnormal=False),
 )
 
 
@@ -110,8 +112,9 @@ class TestShares:
         users = len(cell)
         found = linprog(
             c=[0.0] * users + [-1.0],
-            A_ub=np.vstack([np.column_stack([-np.diag(cell), np.ones(users)]),
-                            [*np.ones(users), 0.0]]),
+            A_ub=np.vstack(
+                [np.column_stack([-np.diag(cell), np.ones(users)]), [*np.ones(users), 0.0]]
+            ),
             b_ub=[0.0] * users + [1.0],
         )
         worst = (sharing.max_min_shares(cell) * cell).min()

@@ -47,7 +47,10 @@ class TestWhoSeesWhat:
 
     def test_networks_are_the_papers(self):
         model = MAPPO("CentralizedCriticPolicy", make_vec_env())
-        for network, inputs, outputs in ((model.policy.actor, 16, 4), (model.policy.critic, 197, 1)):
+        for network, inputs, outputs in (
+            (model.policy.actor, 16, 4),
+            (model.policy.critic, 197, 1),
+        ):
             sizes = [
                 (layer.in_features, layer.out_features)
                 for layer in network

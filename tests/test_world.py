@@ -5,7 +5,7 @@ import pytest
 import tests.independent_network as independent
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from orchid_uav.envs import Parameters, WorldBatch, world_seeds
+from orchid_uav.envs import Parameters, WorldBatch, evaluation_seeds, world_seeds
 from orchid_uav.envs.metrics import EPISODE_METRICS, SLOT_METRICS
 
 CROWDED = {"network.area_m": 400.0, "uav.min_separation_m": 120.0}
@@ -226,6 +226,11 @@ class TestSeeds:
         assert world_seeds(5, 1) == [5]
         assert world_seeds(5, 8)[:3] == world_seeds(5, 3)
         assert not set(world_seeds(5, 100)) & set(world_seeds(6, 100))
+
+    def test_held_out_topologies_are_none_of_the_training_worlds(self):
+        assert evaluation_seeds(5, 10)[:4] == evaluation_seeds(5, 4)
+        training = {seed for first in range(50) for seed in world_seeds(first, 100)}
+        assert not training & {seed for first in range(50) for seed in evaluation_seeds(first, 100)}
 
     def test_seeds_must_be_as_many_as_worlds(self):
         with pytest.raises(ValueError, match="2 seeds for 3 worlds"):

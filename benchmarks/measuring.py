@@ -1,0 +1,103 @@
+"""What the benchmarks have in common: alternating repetitions and their record."""
+
+import argparse
+import os
+import statistics
+import sys
+from collections.abc import Callable, Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from orchid_uav.experiments.files import write_json
+from orchid_uav.experiments.provenance import describe_host, describe_versions
+from rich.console import Console
+from rich.table import Table
+
+SCHEMA = 1
+
+Case = Callable[[int], float]
+"""Measures once; its argument is the number of the repetition, from 0."""
+
+
+def arguments(description: str, repetitions: int) -> argparse.Namespace:
+    """The command line of a benchmark."""
+    parser = argparse.ArgumentParser(description=description)
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write all figures there")
+    parser.add_argument(
+        "--repetitions",
+        type=int,
+        default=repetitions,
+        help="repetitions of each case (default: %(default)s)",
+    )
+    return parser.parse_args()
+
+
+def alternate(cases: Mapping[str, Case], repetitions: int) -> dict[str, dict[str, Any]]:
+    """{"median", "repetitions"} of every case by its name.
+
+    Cases take turns, and another one begins each time, so that a machine that slows down or is
+    disturbed for a while does so for all of them. A first round, not recorded, warms up.
+    """
+    names = list(cases)
+    results: dict[str, list[float]] = {name: [] for name in names}
+    for name in names:
+        cases[name](0)
+    for repetition in range(repetitions):
+        first = repetition % len(names)
+        for name in names[first:] + names[:first]:
+            results[name].append(cases[name](repetition))
+    return {
+        name: {"median": _rounded(statistics.median(values)), "repetitions": _rounded(values)}
+        for name, values in results.items()
+    }
+
+
+def _rounded(value: Any) -> Any:
+    """Five digits, which is more than a repetition gives again."""
+    if isinstance(value, list):
+        return [_rounded(one) for one in value]
+    return float(f"{value:.5g}")
+
+
+def settle_allocator() -> None:
+    """Have the C library keep freed memory, as it does in a process that once freed a large array.
+
+    Until then glibc hands the memory of temporaries of some 100 kB back to the system and fetches
+    it again, which slows the NumPy version a good deal. Other C libraries do not mind.
+    """
+    np.empty(16 << 20, np.uint8)  # from 32 MiB on glibc would learn nothing from it
+
+
+def record(settings: Mapping[str, Any], **figures: Any) -> dict[str, Any]:
+    """A result with all that is needed to judge it and to get it again."""
+    host = describe_host()
+    del host["name"]
+    return {
+        "schema": SCHEMA,
+        "date": f"{datetime.now(UTC):%Y-%m-%d}",
+        "command": " ".join(
+            ["python", "-m", f"benchmarks.{Path(sys.argv[0]).stem}", *sys.argv[1:]]
+        ),
+        "host": host,
+        "load_average": [round(load, 2) for load in os.getloadavg()],
+        "versions": describe_versions(),
+        "settings": dict(settings),
+        **figures,
+    }
+
+
+def report(
+    title: str, rows: Mapping[str, str], document: Mapping[str, Any], path: Path | None
+) -> None:
+    """Print a table of names and figures, and write the document if a path is given."""
+    table = Table(title=title, show_header=False)
+    table.add_column(overflow="fold")
+    table.add_column(justify="right", no_wrap=True)
+    for name, figure in rows.items():
+        table.add_row(name, figure)
+    Console().print(table)
+    if path is not None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_json(path, document)

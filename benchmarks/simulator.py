@@ -1,0 +1,195 @@
+"""Speed of the simulator on one core, against plain NumPy and against mobile-env.
+
+All cases of ours fly 6 UAVs among 100 users, observations and global state included, with fresh
+random actions every slot out of one pool made beforehand. A world-step is one slot of one world.
+Unless resets are named, time is taken over the 200 slots of an episode without the reset before it.
+
+The NumPy version (:mod:`benchmarks.numpy_world`) computes the same arrays from the same equations.
+It comes twice: "numpy" evaluates all links, as anybody would write it; "numpy, few links" has the
+compiled step's rule that spares most of them. "compiled, all links" is the compiled step without
+that rule.
+
+mobile-env 2 (PyPI) is a Gymnasium environment of a cellular network: an object per station and
+user, loops over both. Here it has 5 fixed stations, those of its large scenario numbered 0 to 4,
+and 100 walking users, Okumura-Hata loss, equal shares, its central agent's observation, and random
+connection wishes as actions. It knows no batch, no flight, no propulsion and no fairness, so a
+step of it is less work than a world-step of ours. It is left out where it is not installed.
+"""
+
+import importlib.util
+import time
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+from unittest import mock
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+from orchid_uav.envs import channel, dynamics, make_vec_env
+from orchid_uav.envs.arrays import ACTION_SIZE
+from orchid_uav.envs.parameters import Parameters
+from orchid_uav.envs.world import WorldBatch
+from threadpoolctl import threadpool_limits
+
+from benchmarks import numpy_world
+from benchmarks.measuring import Case, alternate, arguments, record, report, settle_allocator
+
+WORLDS, SLOTS = 64, 200
+MOVING_MPS = 10.0
+PROGRESS = 0.5
+STATIONS_M = ((50, 100), (60, 210), (90, 60), (120, 130), (130, 215))
+STATIONS_AREA_M = 300
+STATION_STEPS = 50
+
+Step = Callable[..., None]
+
+
+def compiled_without_pruning() -> Step:
+    """The compiled step, but association evaluates every link.
+
+    Compiled code keeps the constants that it was compiled with, and numba's cache does not tell
+    the two apart: hence a second copy of the module, which leaves the cache alone.
+    """
+    specification = importlib.util.spec_from_file_location("dynamics_all_links", dynamics.__file__)
+    assert specification is not None and specification.loader is not None
+    module = importlib.util.module_from_spec(specification)
+    compiler = numba.njit
+
+    def njit(*functions: Any, cache: bool = False, **options: Any) -> Any:
+        return compiler(*functions, **options)
+
+    with (
+        mock.patch.object(numba, "njit", njit),
+        mock.patch.object(channel, "LOSS_IS_MONOTONE", False),
+    ):
+        specification.loader.exec_module(module)
+    return module.step_worlds
+
+
+def batch_speed(
+    batch: WorldBatch,
+    pool: NDArray[np.float64],
+    step: Step,
+    repetition: int,
+    with_reset: bool = False,
+) -> float:
+    """World-steps per second of one episode in every world."""
+    batch.seed(repetition)
+    begin_s = time.perf_counter()
+    batch.reset()
+    if not with_reset:
+        begin_s = time.perf_counter()
+    for actions in pool:
+        step(batch.constants, batch.arrays, actions, PROGRESS)
+    return batch.world_count * len(pool) / (time.perf_counter() - begin_s)
+
+
+def face_speed(worlds: int, pool: NDArray[np.float32], repetition: int) -> float:
+    """World-steps per second through the SB3 face, one slot short of the reset."""
+    env = make_vec_env(worlds=worlds, seed=repetition)
+    env.reset()
+    begin_s = time.perf_counter()
+    for actions in pool[: SLOTS - 1, : env.num_envs]:
+        env.step(actions)
+    return worlds * (SLOTS - 1) / (time.perf_counter() - begin_s)
+
+
+def mobile_env_speed(repetition: int) -> float:
+    """Steps per second of mobile-env."""
+    from mobile_env.core.base import MComCore
+    from mobile_env.core.entities import BaseStation, UserEquipment
+
+    users = Parameters().network.user_count
+    config = MComCore.default_config()
+    area = {"width": STATIONS_AREA_M, "height": STATIONS_AREA_M}
+    config |= {**area, "seed": repetition}
+    config["movement_params"] |= area
+    env = MComCore(
+        [BaseStation(number, place, **config["bs"]) for number, place in enumerate(STATIONS_M)],
+        [UserEquipment(number, **config["ue"]) for number in range(users)],
+        config,
+    )
+    env.reset()
+    generator = np.random.default_rng(repetition)
+    pool = generator.integers(0, len(STATIONS_M) + 1, (STATION_STEPS, users))
+    begin_s = time.perf_counter()
+    for actions in pool:
+        env.step(actions)
+    return STATION_STEPS / (time.perf_counter() - begin_s)
+
+
+def cases() -> dict[str, Case]:
+    """All cases; each gives world-steps per second."""
+    still, single = WorldBatch(worlds=WORLDS), WorldBatch(worlds=1)
+    moving = WorldBatch(Parameters().with_overrides({"user_speed_mps": MOVING_MPS}), WORLDS)
+    shape = (SLOTS, WORLDS, still.uav_count, ACTION_SIZE)
+    pool = np.random.default_rng(0).uniform(-1.0, 1.0, shape)
+    rows = pool.reshape(SLOTS, -1, ACTION_SIZE).astype(np.float32)
+    compiled, numpy_step = dynamics.step_worlds, numpy_world.step_worlds
+    numpy_few_links = partial(numpy_world.step_worlds, prune=True)
+    named: dict[str, Case] = {
+        "compiled": partial(batch_speed, still, pool, compiled),
+        "compiled, all links": partial(batch_speed, still, pool, compiled_without_pruning()),
+        "numpy": partial(batch_speed, still, pool, numpy_step),
+        "numpy, few links": partial(batch_speed, still, pool, numpy_few_links),
+        "compiled, with resets": partial(batch_speed, still, pool, compiled, with_reset=True),
+        "numpy, with resets": partial(batch_speed, still, pool, numpy_step, with_reset=True),
+        "compiled, moving users": partial(batch_speed, moving, pool, compiled),
+        "numpy, moving users": partial(batch_speed, moving, pool, numpy_step),
+        "compiled, 1 world": partial(batch_speed, single, pool[:, :1], compiled),
+        "numpy, 1 world": partial(batch_speed, single, pool[:, :1], numpy_step),
+        "SB3 face": partial(face_speed, WORLDS, rows),
+        "SB3 face, 1 world": partial(face_speed, 1, rows),
+    }
+    if importlib.util.find_spec("mobile_env") is not None:
+        named["mobile-env"] = mobile_env_speed
+    return named
+
+
+RATIOS = {
+    "compiled / numpy": ("compiled", "numpy"),
+    "compiled / numpy, few links": ("compiled", "numpy, few links"),
+    "compiled / numpy, with resets": ("compiled, with resets", "numpy, with resets"),
+    "compiled / numpy, moving users": ("compiled, moving users", "numpy, moving users"),
+    "compiled / numpy, 1 world": ("compiled, 1 world", "numpy, 1 world"),
+    "what sparing links brings, compiled": ("compiled", "compiled, all links"),
+    "what sparing links brings, numpy": ("numpy, few links", "numpy"),
+    "compiled, moving users / mobile-env": ("compiled, moving users", "mobile-env"),
+    "SB3 face, 1 world / mobile-env": ("SB3 face, 1 world", "mobile-env"),
+}
+"""Ratios of medians, by what they say."""
+
+
+def main() -> None:
+    """Measure and report."""
+    options = arguments("Speed of the simulator on one core.", repetitions=11)
+    settle_allocator()
+    with threadpool_limits(1):
+        speeds = alternate(cases(), options.repetitions)
+    ratios = {
+        name: round(speeds[over]["median"] / speeds[under]["median"], 2)
+        for name, (over, under) in RATIOS.items()
+        if under in speeds
+    }
+    network = Parameters().network
+    document = record(
+        {
+            "worlds": WORLDS,
+            "uavs": network.uav_count,
+            "users": network.user_count,
+            "slots": SLOTS,
+            "moving_users_mps": MOVING_MPS,
+            "mobile_env_stations": len(STATIONS_M),
+            "repetitions": options.repetitions,
+        },
+        world_steps_per_s=speeds,
+        ratios=ratios,
+    )
+    rows = {name: f"{speed['median']:,.0f} world-steps/s" for name, speed in speeds.items()}
+    rows |= {name: f"{ratio:.1f} x" for name, ratio in ratios.items()}
+    report("Simulator, one core", rows, document, options.json)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,221 @@
+"""Plant faults, each of which must turn a test red: ``make mutants``.
+
+Each fault is one that other people's code is known for. It is planted in a copy of the package,
+which the named tests then import instead of the installed one.
+"""
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).parent.parent
+ROOMS = {
+    "src/orchid_uav": ".",
+    "envs": "envs",
+    "agents": "agents",
+    "callbacks": "callbacks",
+    "experiments": "experiments",
+    "orchid_cli": "cli",
+}
+
+
+class Mutant(NamedTuple):
+    """A fault: ``old`` is replaced by ``new`` in ``file``, and ``tests`` must notice."""
+
+    name: str
+    file: str
+    old: str
+    new: str
+    tests: str
+
+
+MUTANTS = [
+    Mutant(
+        "radians for degrees",
+        "envs/channel.py",
+        "return np.degrees(np.arcsin(altitude_m / distance_m))",
+        "return np.arcsin(altitude_m / distance_m)",
+        "test_channel.py",
+    ),
+    Mutant(
+        "natural logarithm for log2",
+        "envs/channel.py",
+        "np.log2(1.0 + snr)",
+        "np.log(1.0 + snr)",
+        "test_channel.py",
+    ),
+    Mutant(
+        "sign of a level in dB",
+        "envs/channel.py",
+        "decibel_to_linear(antenna_gain_db - path_loss_db)",
+        "decibel_to_linear(antenna_gain_db + path_loss_db)",
+        "test_world.py",
+    ),
+    Mutant(
+        "ten for twenty in the free-space loss",
+        "envs/channel.py",
+        "20.0 * np.log10(4.0",
+        "10.0 * np.log10(4.0",
+        "test_channel.py",
+    ),
+    Mutant(
+        "shares swapped",
+        "envs/sharing.py",
+        '{"mmf": MAX_MIN, "pf": PROPORTIONAL,',
+        '{"mmf": PROPORTIONAL, "pf": MAX_MIN,',
+        "test_world.py",
+    ),
+    Mutant(
+        "Jain's index over all users instead of the served",
+        "envs/dynamics.py",
+        "jain_index_from_sums(sum_rate, sum_rate_squared, served_count)",
+        "jain_index_from_sums(sum_rate, sum_rate_squared, target_count)",
+        "test_world.py",
+    ),
+    Mutant(
+        "association with the nearest UAV, whatever its altitude and power",
+        "envs/dynamics.py",
+        "(LOSS_IS_MONOTONE and is_lower)",
+        "(LOSS_IS_MONOTONE and (is_lower or True))",
+        "test_world.py",
+    ),
+    Mutant(
+        "pressing against a wall counts as flight",
+        "envs/dynamics.py",
+        "velocity[0] = (x_m - position[0]) / slot_s",
+        "velocity[0] = dx * factor / slot_s",
+        "test_world.py",
+    ),
+    Mutant(
+        "every world the same generator",
+        "envs/world.py",
+        "np.random.default_rng(world_seed)",
+        "np.random.default_rng(0)",
+        "test_world.py",
+    ),
+    Mutant(
+        "a critic that sees one UAV only",
+        "envs/dynamics.py",
+        "    for uav in range(uavs):\n        state[",
+        "    for uav in range(1):\n        state[",
+        "test_world.py",
+    ),
+    Mutant(
+        "an actor that sees the state",
+        "agents/policies.py",
+        'return self.distribution(obs["observation"])',
+        'return self.distribution(obs["observation"] + obs["state"][:, :16])',
+        "test_mappo.py",
+    ),
+    Mutant(
+        "no bootstrap at the time limit",
+        "agents/mappo.py",
+        "buffer.rewards[step, row] += self.gamma * value",
+        "buffer.rewards[step, row] += 0.0 * value",
+        "test_mappo.py",
+    ),
+    Mutant(
+        "gamma squared for gamma lambda",
+        "experiments/training.py",
+        "gae_lambda=ppo.gae_lambda",
+        "gae_lambda=ppo.discount",
+        "test_model_building.py",
+    ),
+    Mutant(
+        "one learning rate for both networks",
+        "agents/mappo.py",
+        'group["lr"] = rate',
+        'group["lr"] = self.learning_rates[0]',
+        "test_mappo.py",
+    ),
+    Mutant(
+        "one clip over both gradients",
+        "agents/mappo.py",
+        "groups = self.policy.actor_parameters(), self.policy.critic_parameters()",
+        "groups = (self.policy.actor_parameters() + self.policy.critic_parameters(),)",
+        "test_mappo.py",
+    ),
+    Mutant(
+        "moments zeroed but not the step count",
+        "callbacks/reset_and_finetune.py",
+        "    optimizer.state.clear()",
+        "    for state in optimizer.state.values():\n"
+        '        state["exp_avg"].zero_()\n'
+        '        state["exp_avg_sq"].zero_()',
+        "test_reset_and_finetune.py",
+    ),
+    Mutant(
+        "a trigger that either metric fires",
+        "callbacks/reset_and_finetune.py",
+        "        and relative_change(reward, window) < tolerance_reward",
+        "        or relative_change(reward, window) < tolerance_reward",
+        "test_reset_and_finetune.py",
+    ),
+    Mutant(
+        "a reset that forgets the critic's rate",
+        "agents/mappo.py",
+        "self.critic_lr_schedule(progress) * self.learning_rate_scale",
+        "self.critic_lr_schedule(progress)",
+        "test_reset_and_finetune.py",
+    ),
+]
+
+
+def is_green(tests: Iterable[str], mutant: Mutant | None = None) -> bool:
+    """Whether the tests pass on a copy of the package, with the fault planted in it if any."""
+    with tempfile.TemporaryDirectory() as directory:
+        package = Path(directory) / "orchid_uav"
+        for room, target in ROOMS.items():
+            shutil.copytree(
+                ROOT / room,
+                package / target,
+                dirs_exist_ok=True,
+                ignore=shutil.ignore_patterns("__pycache__"),
+            )
+        if mutant is not None:
+            plant(mutant, package)
+        finished = subprocess.run(
+            [sys.executable, "-m", "pytest", "-x", "-q", *(f"tests/{name}" for name in tests)],
+            cwd=ROOT,
+            env={**os.environ, "PYTHONPATH": directory},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        if finished.returncode not in (0, 1):  # 1: tests failed; others: they did not run
+            raise SystemExit(f"pytest broke\n{finished.stdout}{finished.stderr}")
+        return finished.returncode == 0
+
+
+def plant(mutant: Mutant, package: Path) -> None:
+    """Replace the one place that the fault is about."""
+    room, _, name = mutant.file.rpartition("/")
+    path = package / ROOMS[room] / name
+    text = path.read_text()
+    if text.count(mutant.old) != 1:
+        raise SystemExit(f"'{mutant.name}' does not apply to {mutant.file}: the code changed")
+    path.write_text(text.replace(mutant.old, mutant.new))
+
+
+def main() -> int:
+    """Try every fault, two at a time."""
+    if not is_green(sorted({mutant.tests for mutant in MUTANTS})):
+        raise SystemExit("the tests are red without any fault")
+    with ThreadPoolExecutor(max_workers=2) as pool:
+        outcomes = pool.map(lambda mutant: is_green([mutant.tests], mutant), MUTANTS)
+        survivors = 0
+        for mutant, has_survived in zip(MUTANTS, outcomes, strict=True):
+            survivors += has_survived
+            print(f"{'SURVIVED' if has_survived else 'caught':8}  {mutant.name}", flush=True)
+    print(f"{len(MUTANTS) - survivors} of {len(MUTANTS)} faults caught")
+    return 1 if survivors else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

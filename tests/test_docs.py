@@ -1,0 +1,43 @@
+"""The documentation says what the code and the committed results say."""
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+from docs.generate import configuration_page, pages
+from orchid_uav.experiments.configuration import configuration_keys
+
+ROOT = Path(__file__).parent.parent
+PROSE = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")])
+
+
+@pytest.mark.parametrize("path", pages(), ids=lambda path: path.name)
+def test_generated_pages_are_current(path):
+    assert path.read_text() == pages()[path], "run: make docs-data"
+
+
+def test_every_key_is_described():
+    page = configuration_page()
+    for key in configuration_keys():
+        row = next(line for line in page.splitlines() if f"`{key}`" in line)
+        assert row.count("|") >= 6 and not row.rstrip().endswith("| None |"), key
+
+
+@pytest.mark.parametrize("path", PROSE, ids=lambda path: path.name)
+def test_links_lead_somewhere(path):
+    for target in re.findall(r"\]\(([^)\s]+)\)", path.read_text()):
+        if not target.startswith(("http", "#", "mailto")):
+            assert (path.parent / target.partition("#")[0]).exists(), target
+
+
+@pytest.mark.parametrize("path", PROSE, ids=lambda path: path.name)
+def test_python_examples_parse(path):
+    for block in re.findall(r"```python\n(.*?)```", path.read_text(), flags=re.DOTALL):
+        ast.parse(block)
+
+
+def test_the_examples_of_the_environment_page_run():
+    text = (ROOT / "docs" / "environment.md").read_text()
+    block = re.search(r"```python\n(.*?)```", text, flags=re.DOTALL)
+    exec(compile(block.group(1), "environment.md", "exec"), {})
