@@ -6,8 +6,6 @@ from typing import Any, ClassVar, cast
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from orchid_uav.agents.policies import CentralizedCriticPolicy
-from orchid_uav.agents.rollout import CentralizedRolloutBuffer, MiniBatch
 from stable_baselines3 import PPO
 from stable_baselines3.common.buffers import RolloutBuffer
 from stable_baselines3.common.callbacks import BaseCallback
@@ -16,6 +14,9 @@ from stable_baselines3.common.type_aliases import GymEnv, Schedule
 from stable_baselines3.common.utils import FloatSchedule, explained_variance
 from stable_baselines3.common.vec_env import VecEnv
 from torch.nn import functional
+
+from orchid_uav.agents.policies import CentralizedCriticPolicy
+from orchid_uav.agents.rollout import CentralizedRolloutBuffer, MiniBatch
 
 Rows = dict[str, NDArray[np.float32]]
 

@@ -10,10 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from orchid_uav.experiments.files import write_json
-from orchid_uav.experiments.provenance import describe_host, describe_versions
 from rich.console import Console
 from rich.table import Table
+
+from orchid_uav.experiments.files import write_json
+from orchid_uav.experiments.provenance import describe_host, describe_versions
 
 SCHEMA = 1
 

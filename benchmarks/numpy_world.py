@@ -9,6 +9,7 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
+
 from orchid_uav.envs.arrays import HISTOGRAM_CELLS, Constants, Floats, Worlds
 from orchid_uav.envs.channel import (
     air_to_ground_path_loss_db,

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
 from orchid_uav.agents import LocalActor, load_policy
 from orchid_uav.envs import EPISODE_METRICS, WorldBatch, evaluation_seeds
 from orchid_uav.experiments.configuration import RunConfig

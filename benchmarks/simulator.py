@@ -26,14 +26,14 @@ from unittest import mock
 import numba
 import numpy as np
 from numpy.typing import NDArray
-from orchid_uav.envs import channel, dynamics, make_vec_env
-from orchid_uav.envs.arrays import ACTION_SIZE
-from orchid_uav.envs.parameters import Parameters
-from orchid_uav.envs.world import WorldBatch
 from threadpoolctl import threadpool_limits
 
 from benchmarks import numpy_world
 from benchmarks.measuring import Case, alternate, arguments, record, report, settle_allocator
+from orchid_uav.envs import channel, dynamics, make_vec_env
+from orchid_uav.envs.arrays import ACTION_SIZE
+from orchid_uav.envs.parameters import Parameters
+from orchid_uav.envs.world import WorldBatch
 
 WORLDS, SLOTS = 64, 200
 MOVING_MPS = 10.0

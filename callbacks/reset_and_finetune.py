@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import torch
+
 from orchid_uav.callbacks.episodes import Episode, EpisodeCallback
 
 _SMALLEST_DENOMINATOR = 1e-8

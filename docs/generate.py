@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import Any, get_args
 
 from annotated_types import Ge, Gt, Le, Lt
-from orchid_uav.experiments.configuration import RunConfig, unit_of
 from pydantic.fields import FieldInfo
+
+from orchid_uav.experiments.configuration import RunConfig, unit_of
 
 ROOT = Path(__file__).parent.parent
 RUN = ROOT / "benchmarks" / "results" / "reference_run.json"

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
 from orchid_uav.envs.channel import air_to_ground_path_loss_db
 from orchid_uav.envs.metrics import SLOT_METRICS
 from orchid_uav.envs.parameters import Parameters

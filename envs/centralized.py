@@ -3,9 +3,10 @@
 from typing import Any
 
 from gymnasium import spaces
-from orchid_uav.envs.spaces import centralized_space
 from pettingzoo import ParallelEnv
 from pettingzoo.utils import BaseParallelWrapper
+
+from orchid_uav.envs.spaces import centralized_space
 
 
 class CentralizedState(BaseParallelWrapper):

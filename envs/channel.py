@@ -10,9 +10,10 @@ while the ground distance grows, or grow while the elevation angle grows, set
 
 import numpy as np
 from numba.extending import register_jitable
+from scipy.constants import speed_of_light
+
 from orchid_uav.envs.parameters import ChannelParameters
 from orchid_uav.envs.units import Numeric, decibel_to_linear
-from scipy.constants import speed_of_light
 
 _TABLE_I = ChannelParameters()
 _FREQUENCY_HZ = _TABLE_I.carrier_frequency_hz

@@ -5,9 +5,10 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from orchid_uav.envs.parameters import Parameters
 from sklearn.cluster import KMeans
 from sklearn.exceptions import ConvergenceWarning
+
+from orchid_uav.envs.parameters import Parameters
 
 _RANDOM_START_TRIES = 10_000
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+
 from orchid_uav.envs.arrays import HISTOGRAM_CELLS, Constants, Floats, Worlds
 from orchid_uav.envs.channel import (
     LOSS_IS_MONOTONE,

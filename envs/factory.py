@@ -4,13 +4,15 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Literal
 
 from numpy.typing import ArrayLike
+
 from orchid_uav.envs.parallel import FleetParallelEnv
 from orchid_uav.envs.parameters import Parameters
 
 if TYPE_CHECKING:
-    from orchid_uav.envs.vector import FleetVecEnv
     from pettingzoo import ParallelEnv
     from stable_baselines3.common.vec_env import VecEnv
+
+    from orchid_uav.envs.vector import FleetVecEnv
 
 
 def fleet_parameters(

@@ -3,6 +3,7 @@
 import numpy as np
 from numba.extending import register_jitable
 from numpy.typing import ArrayLike
+
 from orchid_uav.envs.units import Numeric
 
 _SMALLEST_NORMAL = float(np.finfo(np.float64).tiny)

@@ -8,6 +8,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
+
 from orchid_uav.envs.factory import fleet_parameters
 from orchid_uav.envs.spaces import action_space, observation_space
 from orchid_uav.envs.world import WorldBatch

@@ -5,10 +5,11 @@ from typing import Any, ClassVar
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
+from pettingzoo import ParallelEnv
+
 from orchid_uav.envs.parameters import Parameters
 from orchid_uav.envs.spaces import action_space, observation_space, state_space
 from orchid_uav.envs.world import WorldBatch
-from pettingzoo import ParallelEnv
 
 Observation = NDArray[np.float32]
 PerAgent = dict[str, Any]

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from orchid_uav.envs.units import dbm_to_watt, decibel_to_linear
 from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from orchid_uav.envs.units import dbm_to_watt, decibel_to_linear
 
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]

@@ -2,6 +2,7 @@
 
 import numpy as np
 from numba.extending import register_jitable
+
 from orchid_uav.envs.channel import (
     air_to_ground_path_loss_db,
     received_power_w,

@@ -7,6 +7,7 @@ call the same rules. Shares are fractions of the sub-band and sum to 1.
 import numpy as np
 from numba.extending import register_jitable
 from numpy.typing import ArrayLike, NDArray
+
 from orchid_uav.envs.units import Numeric
 
 MAX_MIN, PROPORTIONAL, SPECTRAL_EFFICIENCY = 0, 1, 2

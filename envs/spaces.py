@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 from gymnasium import spaces
+
 from orchid_uav.envs.arrays import ACTION_SIZE, OBSERVATION_SIZE, state_size
 
 

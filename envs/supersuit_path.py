@@ -10,12 +10,13 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from orchid_uav.envs.centralized import CentralizedState
-from orchid_uav.envs.world import world_seeds
 from pettingzoo import ParallelEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
 from supersuit.vector import ConcatVecEnv, MarkovVectorEnv
 from supersuit.vector.sb3_vector_wrapper import SB3VecEnvWrapper
+
+from orchid_uav.envs.centralized import CentralizedState
+from orchid_uav.envs.world import world_seeds
 
 
 class _DistinctWorlds(ConcatVecEnv):

@@ -5,6 +5,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from stable_baselines3.common.vec_env import VecEnv
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
+
 from orchid_uav.envs.parameters import Parameters
 from orchid_uav.envs.spaces import (
     action_space,
@@ -13,8 +16,6 @@ from orchid_uav.envs.spaces import (
     state_space,
 )
 from orchid_uav.envs.world import WorldBatch
-from stable_baselines3.common.vec_env import VecEnv
-from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
 
 Rows = dict[str, NDArray[np.float32]]
 

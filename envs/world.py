@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
 from orchid_uav.envs import channel
 from orchid_uav.envs.arrays import ACTION_SIZE, Constants, Worlds, state_size
 from orchid_uav.envs.deployment import deploy

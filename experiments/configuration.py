@@ -7,9 +7,10 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
+from pydantic import Field, ValidationError
+
 from orchid_uav.envs.parameters import NotNegative, Pair, Parameters, Positive, Section
 from orchid_uav.experiments.errors import InputError
-from pydantic import Field, ValidationError
 
 Fraction = Annotated[float, Field(ge=0, le=1)]
 

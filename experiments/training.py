@@ -8,6 +8,9 @@ from typing import Any, Protocol
 
 import numpy as np
 import torch
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.logger import Logger
+
 from orchid_uav.agents.actor import policy_files
 from orchid_uav.agents.mappo import MAPPO
 from orchid_uav.callbacks import (
@@ -23,8 +26,6 @@ from orchid_uav.experiments.errors import RunFailedError
 from orchid_uav.experiments.interruption import interruption_requests
 from orchid_uav.experiments.run_directory import Row, RunDirectory, Status, final_figures
 from orchid_uav.experiments.trackers import SafeTracker
-from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.logger import Logger
 
 
 class Reporter(Protocol):

@@ -4,6 +4,7 @@ import json
 from typing import Any
 
 import typer
+
 from orchid_uav.cli.configuring import (
     AlgorithmOption,
     ConfigOption,

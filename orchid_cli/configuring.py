@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
+
 from orchid_uav.experiments.configuration import (
     Layer,
     RunConfig,

@@ -7,9 +7,10 @@ from contextlib import contextmanager
 from typing import Annotated
 
 import typer
-from orchid_uav.experiments.errors import InputError, RunFailedError
 from rich.console import Console
 from rich.table import Table
+
+from orchid_uav.experiments.errors import InputError, RunFailedError
 
 FAILED, WRONG_INPUT, INTERRUPTED = 1, 2, 130
 """Exit codes besides 0."""

@@ -3,8 +3,6 @@
 import time
 from collections.abc import Sequence
 
-from orchid_uav.experiments.configuration import RunConfig
-from orchid_uav.experiments.run_directory import Row, RunDirectory
 from rich.console import Console, Group
 from rich.live import Live
 from rich.progress import (
@@ -16,6 +14,9 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 from rich.table import Table
+
+from orchid_uav.experiments.configuration import RunConfig
+from orchid_uav.experiments.run_directory import Row, RunDirectory
 
 _SECONDS_BETWEEN_LINES = 5.0
 _RECENT = 50

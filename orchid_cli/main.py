@@ -4,11 +4,11 @@ import sys
 from typing import Annotated
 
 import typer
+
+from orchid_uav import __version__
 from orchid_uav.cli import config
 from orchid_uav.cli.console import INTERRUPTED, WRONG_INPUT, print_error
 from orchid_uav.cli.train import train
-
-from orchid_uav import __version__
 
 app = typer.Typer(
     help="ORCHID: fairness-aware orchestration of UAV base stations.",

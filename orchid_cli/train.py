@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.console import Console
+
 from orchid_uav.cli.configuring import (
     AlgorithmOption,
     ConfigOption,
@@ -35,7 +37,6 @@ from orchid_uav.cli.console import (
     failing_well,
     print_table,
 )
-from rich.console import Console
 
 if TYPE_CHECKING:
     from orchid_uav.experiments.training import Reporter, TrainingOutcome

@@ -5,6 +5,7 @@ import sys
 
 import pytest
 import torch
+
 from tests.running import Finished, fingerprint
 
 

@@ -5,9 +5,10 @@ from typing import Any
 
 import numpy as np
 from gymnasium import spaces
+from stable_baselines3.common.vec_env import VecEnv
+
 from orchid_uav.agents import MAPPO
 from orchid_uav.envs import make_vec_env
-from stable_baselines3.common.vec_env import VecEnv
 
 SMALL = {"uavs": 2, "users": 12, "episode_slots": 10}
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+
 from orchid_uav.experiments.configuration import Layer, RunConfig, merge
 
 TINY = {

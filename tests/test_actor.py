@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from orchid_uav.agents import LocalActor, load_policy
-from orchid_uav.agents.actor import policy_files
 from safetensors.numpy import load, save
 
+from orchid_uav.agents import LocalActor, load_policy
+from orchid_uav.agents.actor import policy_files
 from tests.learning import small_model
 
 

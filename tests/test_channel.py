@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from orchid_uav.envs import channel
 from orchid_uav.envs.parameters import ChannelParameters, Parameters
 from orchid_uav.envs.units import dbm_to_watt, decibel_to_linear, linear_to_decibel

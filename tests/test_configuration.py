@@ -6,6 +6,7 @@ import tomllib
 from typing import Any
 
 import pytest
+
 from orchid_uav.envs.parameters import Section
 from orchid_uav.experiments import configuration
 from orchid_uav.experiments.configuration import (

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import stats
+
 from orchid_uav.envs import Parameters
 from orchid_uav.envs.deployment import deploy, gbs_aware_kmeans, random_start
 from orchid_uav.envs.users import (
@@ -13,7 +15,6 @@ from orchid_uav.envs.users import (
     reflection_sign,
     thomas_cluster_process,
 )
-from scipy import stats
 
 GBS = (1000.0, 1000.0, 30.0)
 

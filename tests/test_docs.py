@@ -5,6 +5,7 @@ import re
 from pathlib import Path
 
 import pytest
+
 from docs.generate import configuration_page, pages
 from orchid_uav.experiments.configuration import configuration_keys
 

@@ -4,13 +4,14 @@ import math
 
 import numpy as np
 import pytest
-import tests.independent_network as independent
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from scipy.optimize import linprog, minimize
+
+import tests.independent_network as independent
 from orchid_uav.envs import fairness, kinematics, propulsion, reward, sharing
 from orchid_uav.envs.parameters import Parameters, RotorParameters
-from scipy.optimize import linprog, minimize
 
 ZENG = RotorParameters(blade_profile_power_w=79.86, induced_power_w=88.63)
 efficiencies = arrays(np.float64, st.integers(1, 12), elements=st.floats(0.05, 20.0))

@@ -6,10 +6,14 @@ import sys
 
 import gymnasium
 import numpy as np
-import orchid_uav  # noqa: F401 - registers orchid/Fleet-v0
 import pytest
 from gymnasium import spaces
 from gymnasium.utils.env_checker import check_env
+from pettingzoo.test import parallel_api_test, parallel_seed_test
+from stable_baselines3.common.env_checker import check_env as check_sb3_env
+from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
+
+import orchid_uav  # noqa: F401 - registers orchid/Fleet-v0
 from orchid_uav.envs import (
     EPISODE_METRICS,
     SLOT_METRICS,
@@ -19,9 +23,6 @@ from orchid_uav.envs import (
     parallel_env,
     world_seeds,
 )
-from pettingzoo.test import parallel_api_test, parallel_seed_test
-from stable_baselines3.common.env_checker import check_env as check_sb3_env
-from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
 SHORT = {"uavs": 3, "users": 20, "episode_slots": 12}
 SNAPSHOT = {

@@ -5,12 +5,12 @@ import math
 import numpy as np
 import pytest
 import torch
-from orchid_uav.agents import MAPPO
-from orchid_uav.envs import make_vec_env
-from orchid_uav.envs.centralized import CentralizedState
 from stable_baselines3.common.callbacks import BaseCallback
 from torch import nn
 
+from orchid_uav.agents import MAPPO
+from orchid_uav.envs import make_vec_env
+from orchid_uav.envs.centralized import CentralizedState
 from tests.learning import SMALL, ConstantReward, small_model
 
 

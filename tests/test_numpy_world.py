@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from benchmarks import numpy_world
 from orchid_uav.envs.arrays import Worlds
 from orchid_uav.envs.parameters import Parameters

@@ -1,8 +1,9 @@
 """Table I, and what is refused."""
 
 import pytest
-from orchid_uav.envs import Parameters
 from pydantic import ValidationError
+
+from orchid_uav.envs import Parameters
 
 
 def test_defaults_are_table_i():

@@ -5,9 +5,9 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
 from orchid_uav.callbacks import EpisodeLog, ProgressSchedules, ResetAndFinetune
 from orchid_uav.callbacks.reset_and_finetune import has_plateaued, relative_change, reset_optimizer
-
 from tests.learning import small_model
 
 FLAT = [1.0] * 20

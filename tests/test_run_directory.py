@@ -17,6 +17,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 import pytest
+
 from orchid_uav.experiments import files, provenance, run_directory
 from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.files import write_atomically, write_json

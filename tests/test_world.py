@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
-import tests.independent_network as independent
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
+import tests.independent_network as independent
 from orchid_uav.envs import Parameters, WorldBatch, evaluation_seeds, world_seeds
 from orchid_uav.envs.metrics import EPISODE_METRICS, SLOT_METRICS
 
