@@ -42,7 +42,7 @@ def configuration_page() -> str:
         "",
         "Every key with its default, unit, range and meaning; the defaults are the paper's (preset",
         "`paper`). M1 … M33 are the [decisions](model.md#decisions) on what the paper leaves open.",
-        "Set them in a TOML or JSON file (`--config`), or one by one (`--set network.user_count=50`).",
+        "Set them in a TOML or JSON file (`--config`), or singly (`--set network.user_count=50`).",
         "This page is made from the code by `python -m docs.generate`.",
     ]
     for section, info in RunConfig.model_fields.items():
@@ -99,8 +99,8 @@ def readme_results(data: Mapping[str, Any]) -> str:
         "![Learning curves of the paper's run](docs/figures/reference_run.png)",
         "",
         f"The paper's run, `{' '.join(run['command'])}`: 700 episodes in {run['seconds']:.0f} s on "
-        f"one core ({run['host']['processor']}), Reset-and-Finetune at episode {resets}. Means of the",
-        f"last 50 training episodes: reward {final['reward']:.1f}, energy efficiency "
+        f"one core ({run['host']['processor']}), Reset-and-Finetune at episode {resets}.",
+        f"Means of the last 50 training episodes: reward {final['reward']:.1f}, energy efficiency "
         f"{final['energy_efficiency_bit_per_joule'] / 1e6:.3f} Mbit/J, rate JFI "
         f"{final['rate_jfi']:.3f}, load JFI {final['load_jfi']:.3f}.",
         "",

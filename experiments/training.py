@@ -23,7 +23,7 @@ from orchid_uav.envs.arrays import ACTION_SIZE
 from orchid_uav.envs.vector import FleetVecEnv
 from orchid_uav.experiments.configuration import RunConfig
 from orchid_uav.experiments.errors import RunFailedError
-from orchid_uav.experiments.interruption import interruption_requests
+from orchid_uav.experiments.interruption import Interruption, interruption_requests
 from orchid_uav.experiments.run_directory import Row, RunDirectory, Status, final_figures
 from orchid_uav.experiments.trackers import SafeTracker
 
@@ -46,18 +46,23 @@ class TrainingOutcome:
     """How a run ended."""
 
     run: RunDirectory
-    status: Status
-    seconds: float
+    status: Status = "running"
+    seconds: float = 0.0
     """Of the learning loop, after imports and compilation."""
     rows: list[Row] = field(default_factory=list)
     reset_episodes: list[int] = field(default_factory=list)
+
+    def finish(self, status: Status, error: str | None = None) -> None:
+        """Record how the run ended."""
+        self.status = status
+        self.run.finish(status, self.rows, self.reset_episodes, self.seconds, error)
 
     def summary(self) -> dict[str, Any]:
         """The document of ``orchid train --json``."""
         return {
             "schema": 1,
             "run": self.run.id,
-            "path": str(self.run.path),
+            "path": str(self.run.path.resolve()),
             "status": self.status,
             "episodes": len(self.rows),
             "seconds": round(self.seconds, 3),
@@ -122,56 +127,23 @@ def train(
 
     Raises:
         RunFailedError: training could not go on; the run's status is "failed".
+        KeyboardInterrupt: a second ctrl-C, which does not wait for an update or a policy file.
     """
-    outcome = TrainingOutcome(run, "running", 0.0)
-    started = time.perf_counter()
+    outcome = TrainingOutcome(run)
     try:
-        set_up_torch(config.training.threads)
-        env = FleetVecEnv(config.network_parameters, config.training.worlds, config.training.seed)
-        model = build_model(config, env)
-        model.set_logger(Logger(folder=None, output_formats=[]))
-        reset_and_finetune = build_reset_and_finetune(config)
-
-        def record(rows: Sequence[Row]) -> None:
-            outcome.rows += rows
-            run.append_episodes(rows)
-            if reset_and_finetune is not None:
-                outcome.reset_episodes = reset_and_finetune.reset_episodes
-            for row in rows:
-                figures = _figures(row, model.logger.name_to_value)
-                for tracker in trackers:
-                    tracker.log(int(row["episode"]), figures)
-            reporter.show(rows, outcome.reset_episodes)
-
         with interruption_requests() as interruption:
-            callbacks: list[BaseCallback] = (
-                [] if reset_and_finetune is None else [reset_and_finetune]
-            )
-            callbacks += [
-                EpisodeLog(record, reset_and_finetune),
-                ProgressSchedules(config.training.episodes, config.ppo.entropy_coef),
-                StopOnRequest(lambda: interruption.requested),
-            ]
-            _compile(env)
-            env.seed(config.training.seed)
-            reporter.begin(run, config)
-            started = time.perf_counter()
-            try:
-                model.learn(
-                    config.training.episodes * config.network.episode_slots * env.agents_per_world,
-                    callback=callbacks,
-                    log_interval=None,  # type: ignore[arg-type]  # EpisodeLog takes the logger's figures instead
-                )
-            finally:
-                outcome.seconds = time.perf_counter() - started
-                reporter.end()
+            model = _learn(config, outcome, reporter, trackers, interruption)
+            run.write_policy(_describe_policy(config, outcome, model))
             is_complete = len(outcome.rows) == config.training.episodes
-            outcome.status = "completed" if is_complete else "interrupted"
-        _finish(outcome, config, model)
+            outcome.finish("completed" if is_complete else "interrupted")
+    except KeyboardInterrupt:
+        outcome.finish("interrupted")
+        raise
     except Exception as error:
-        outcome.status = "failed"
         reason = f"{type(error).__name__}: {error}"
-        _record_failure(outcome, reason)
+        # A full disk may be the very failure, and then this cannot be recorded either.
+        with contextlib.suppress(OSError):
+            outcome.finish("failed", reason)
         raise RunFailedError(
             f"run {run.id} failed after {len(outcome.rows)} episodes: {reason}"
         ) from error
@@ -181,15 +153,62 @@ def train(
     return outcome
 
 
+def _learn(
+    config: RunConfig,
+    outcome: TrainingOutcome,
+    reporter: Reporter,
+    trackers: Sequence[SafeTracker],
+    interruption: Interruption,
+) -> MAPPO:
+    set_up_torch(config.training.threads)
+    env = FleetVecEnv(config.network_parameters, config.training.worlds, config.training.seed)
+    _compile(env)
+    model = build_model(config, env)  # seeds the environment anew
+    model.set_logger(Logger(folder=None, output_formats=[]))
+    reset_and_finetune = build_reset_and_finetune(config)
+
+    def take(rows: Sequence[Row]) -> None:
+        outcome.rows += rows
+        if reset_and_finetune is not None:
+            outcome.reset_episodes = reset_and_finetune.reset_episodes
+        outcome.run.append_episodes(rows)
+        for row in rows:
+            figures = _figures(row, model.logger.name_to_value)
+            for tracker in trackers:
+                tracker.log(int(row["episode"]), figures)
+        reporter.show(rows, outcome.reset_episodes)
+
+    callbacks: list[BaseCallback] = [
+        EpisodeLog(take, reset_and_finetune),
+        ProgressSchedules(config.training.episodes, config.ppo.entropy_coef),
+        StopOnRequest(lambda: interruption.requested),
+    ]
+    if reset_and_finetune is not None:
+        callbacks.insert(0, reset_and_finetune)
+    rows_per_episode = config.network.episode_slots * env.agents_per_world
+    reporter.begin(outcome.run, config)
+    started = time.perf_counter()
+    try:
+        model.learn(
+            config.training.episodes * rows_per_episode,
+            callback=callbacks,
+            log_interval=None,  # type: ignore[arg-type]  # EpisodeLog takes the figures instead
+        )
+    finally:
+        outcome.seconds = time.perf_counter() - started
+        reporter.end()
+    return model
+
+
 def _figures(row: Row, learner: Mapping[str, Any]) -> dict[str, float]:
     episode = {f"episode/{name}": value for name, value in row.items() if name != "episode"}
     return episode | {name: float(value) for name, value in learner.items()}
 
 
-def _finish(outcome: TrainingOutcome, config: RunConfig, model: MAPPO) -> None:
-    files = policy_files(
+def _describe_policy(config: RunConfig, outcome: TrainingOutcome, model: MAPPO) -> dict[str, bytes]:
+    return policy_files(
         model.policy.actor_layers(),
-        model.policy.log_std.detach().numpy(),
+        model.policy.log_std.detach().cpu().numpy(),
         {
             "run": outcome.run.id,
             "algorithm": config.training.algorithm,
@@ -198,13 +217,3 @@ def _finish(outcome: TrainingOutcome, config: RunConfig, model: MAPPO) -> None:
             "episodes": len(outcome.rows),
         },
     )
-    outcome.run.write_policy(files)
-    outcome.run.finish(outcome.status, outcome.rows, outcome.reset_episodes, outcome.seconds)
-
-
-def _record_failure(outcome: TrainingOutcome, reason: str) -> None:
-    # A full disk may be the very failure; the error itself is raised by the caller.
-    with contextlib.suppress(OSError):
-        outcome.run.finish(
-            "failed", outcome.rows, outcome.reset_episodes, outcome.seconds, error=reason
-        )

@@ -54,7 +54,7 @@ def test_needs_neither_torch_nor_sb3(saved):
     code = (
         "import sys, json, numpy; from orchid_uav.agents import load_policy;"
         f"load_policy({str(saved)!r}).act(numpy.zeros((2, 16), numpy.float32));"
-        "print(json.dumps([name for name in ('torch', 'stable_baselines3') if name in sys.modules]))"
+        "print(json.dumps([m for m in ('torch', 'stable_baselines3') if m in sys.modules]))"
     )
     finished = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True

@@ -50,7 +50,7 @@ def test_free_space_loss_is_friis():
 
 
 def test_ground_loss_by_hand():
-    # 20 lg(4 pi f / c) = 20 lg 100.6005 = 40.0520 dB at 2.4 GHz; 35 dB per decade over 100 m: 70 dB.
+    # 20 lg(4 pi f / c) = 20 lg 100.6005 = 40.0520 dB at 2.4 GHz; 35 dB per decade: 70 dB.
     loss_db = channel.ground_path_loss_db(100.0, 2.4e9, 3.5, shadowing_db=-4.0)
     assert loss_db == pytest.approx(40.0520 + 70.0 - 4.0, abs=1e-3)
 

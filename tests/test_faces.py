@@ -315,7 +315,7 @@ class TestNative:
 def test_importing_the_simulator_needs_neither_torch_nor_sb3():
     code = (
         "import json, sys; from orchid_uav.envs import parallel_env; parallel_env().reset();"
-        "print(json.dumps([name for name in ('torch', 'stable_baselines3') if name in sys.modules]))"
+        "print(json.dumps([m for m in ('torch', 'stable_baselines3') if m in sys.modules]))"
     )
     finished = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True

@@ -1,0 +1,524 @@
+"""The ``orchid`` command: what it prints where, its exit codes, and what it leaves behind."""
+
+import errno
+import importlib.metadata
+import io
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from orchid_uav.agents import MAPPO, load_policy
+from orchid_uav.cli import display
+from tests.running import (
+    COLUMNS,
+    ESCAPE,
+    TINY_FLAGS,
+    assert_is_an_error,
+    cells,
+    columns,
+    files_of,
+    record_of,
+)
+
+TINY_TRAIN = ["train", *TINY_FLAGS, "--episodes=3", "--no-rf"]
+ENDLESS = ["train", *TINY_FLAGS, "--episodes=1000000", "--no-rf"]
+COMPLETE = {
+    *("run.json", "config.json", "episodes.csv", "policy.safetensors", "policy.json"),
+    "events.out.tfevents",
+}
+GIVE_UP_AFTER_S = 120
+"""Only so that a test that hangs fails: no test takes a twentieth of it."""
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+    def fileno(self):
+        raise io.UnsupportedOperation
+
+    @property
+    def text(self):
+        """What is written, without escape codes."""
+        return re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", self.getvalue())
+
+
+@pytest.fixture
+def terminal(monkeypatch):
+    """Calls make stdout and stderr a terminal from then on."""
+
+    def become():
+        screen = Terminal()
+        monkeypatch.setattr(sys, "stdout", screen)
+        monkeypatch.setattr(sys, "stderr", screen)
+        return screen
+
+    return become
+
+
+@pytest.fixture
+def train(orchid, runs_dir):
+    """``orchid train`` of a tiny network, in this process."""
+
+    def run(*arguments):
+        return orchid(*TINY_TRAIN, "--runs-dir", runs_dir, *arguments)
+
+    return run
+
+
+def interrupt_with(monkeypatch, number, at=2):
+    """Have the signal arrive after as many episodes."""
+    show = display.SilentReporter.show
+
+    def show_and_interrupt(self, rows, reset_episodes):
+        show(self, rows, reset_episodes)
+        if rows[-1]["episode"] == at:
+            signal.raise_signal(number)
+
+    monkeypatch.setattr(display.SilentReporter, "show", show_and_interrupt)
+
+
+def until_rows_are_written(process, runs_dir, there_before, rows=3):
+    """Wait for the process's log to hold some rows; gives its run directory."""
+    deadline = time.monotonic() + GIVE_UP_AFTER_S
+    while time.monotonic() < deadline and process.poll() is None:
+        for path in set(runs_dir.iterdir()) - there_before:
+            log = path / "episodes.csv"
+            if log.is_file() and log.read_bytes().count(b"\n") > rows:
+                return path
+        time.sleep(0.01)
+    raise AssertionError(f"no episodes; exit code {process.poll()}")
+
+
+class TestHelp:
+    def test_the_bare_command_shows_what_there_is(self, orchid):
+        finished = orchid()
+        assert finished.code == 0
+        for command in ("train", "config"):
+            assert command in finished.out
+
+    @pytest.mark.parametrize("command", [["train"], ["config", "show"]])
+    def test_each_command_has_panels_and_an_example(self, orchid, command):
+        finished = orchid(*command, "--help")
+        assert finished.code == 0
+        assert finished.err == ""
+        assert f"Example: orchid {' '.join(command)}" in finished.out
+        for panel in ("Configuration", "Network", "Learning", "Output"):
+            assert f" {panel} " in finished.out
+        assert ESCAPE not in finished.out
+
+    def test_version(self, orchid):
+        version = importlib.metadata.version("orchid-uav")
+        assert orchid("--version").out == f"orchid-uav {version}\n"
+
+    def test_both_names_of_the_command_and_the_module_are_the_same(self):
+        scripts = importlib.metadata.entry_points(group="console_scripts")
+        names = {
+            script.name: script.value for script in scripts if script.name.startswith("orchid")
+        }
+        assert names["orchid"] == names["orchid-uav"]
+
+
+class TestWrongUsage:
+    @pytest.mark.parametrize(
+        ("arguments", "parts"),
+        [
+            (["trian"], ["trian", "train"]),
+            (["config", "shwo"], ["shwo", "show"]),
+            (["train", "--episode=3"], ["--episode", "--episodes"]),
+            (["train", "--uavs"], ["--uavs"]),
+            (["train", "--quiet=1"], ["--quiet"]),
+            (["train", "extra"], ["extra"]),
+            (["train", "--preset=papr"], ["'papr'", "'paper'"]),
+            (["train", "--set=network.uav_cuont=3"], ["network.uav_cuont", "network.uav_count"]),
+            (["train", "--set=network.area_m=nan"], ["network.area_m", "nan"]),
+            (["train", "--users=6", "--uavs=6"], ["user_count", "7"]),
+            (["train", "--episodes=0"], ["training.episodes", "0"]),
+            (["train", "--episodes=-5"], ["training.episodes", "-5"]),
+            (["train", "--config=missing.toml"], ["missing.toml"]),
+            (["train", "--name=a/b"], ["--name", "a/b"]),
+            (["train", "--name="], ["--name"]),
+            (["train", "--track=mlflw"], ["mlflw", "mlflow"]),
+        ],
+    )
+    @pytest.mark.parametrize("output", [[], ["--json"]])
+    def test_is_told_in_two_lines_and_makes_no_run(
+        self, orchid, runs_dir, new_runs, monkeypatch, arguments, parts, output
+    ):
+        monkeypatch.setenv("ORCHID_RUNS_DIR", str(runs_dir))
+        if arguments[0] != "train":
+            output = []
+        assert_is_an_error(orchid(*arguments, *output), *parts)
+        assert new_runs() == []
+
+    def test_a_tracker_whose_package_is_missing_makes_no_run(self, train, new_runs, monkeypatch):
+        monkeypatch.setitem(sys.modules, "mlflow", None)
+        assert_is_an_error(train("--track=mlflow"), "mlflow", "pip install 'orchid-uav[mlflow]'")
+        assert new_runs() == []
+
+    def test_a_traceback_is_shown_only_on_demand(self, train):
+        assert "Traceback" not in train("--uavs=0").err
+        finished = train("--uavs=0", "--debug")
+        assert "Traceback" in finished.err
+        assert finished.code == 2
+
+
+class TestWhereRunsAreMade:
+    def test_in_runs_below_the_working_directory(self, orchid, tmp_path, monkeypatch):
+        monkeypatch.chdir(tmp_path)
+        assert orchid(*TINY_TRAIN).code == 0
+        [run] = (tmp_path / "runs").iterdir()
+        assert record_of(run)["status"] == "completed"
+
+    def test_or_where_the_environment_says(self, orchid, runs_dir, new_runs, tmp_path, monkeypatch):
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.setenv("ORCHID_RUNS_DIR", str(tmp_path / "elsewhere"))
+        assert orchid(*TINY_TRAIN).code == 0
+        [run] = (tmp_path / "elsewhere").iterdir()
+        assert record_of(run)["status"] == "completed"
+        assert new_runs() == []
+
+    def test_the_flag_comes_before_the_environment(self, train, new_runs, tmp_path, monkeypatch):
+        monkeypatch.setenv("ORCHID_RUNS_DIR", str(tmp_path / "elsewhere"))
+        assert train().code == 0
+        assert len(new_runs()) == 1
+        assert not (tmp_path / "elsewhere").exists()
+
+    def test_not_under_a_file(self, orchid, tmp_path):
+        file = tmp_path / "notes.txt"
+        file.write_text("mine\n")
+        for wanted in (file, file / "runs"):
+            assert_is_an_error(orchid(*TINY_TRAIN, "--runs-dir", wanted), str(wanted))
+        assert file.read_text() == "mine\n"
+
+    def test_not_on_a_disk_that_is_full(self, train, new_runs, runs_dir, monkeypatch):
+        def write(path, document):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+        monkeypatch.setattr("orchid_uav.experiments.run_directory.write_json", write)
+        assert_is_an_error(train(), str(runs_dir), "No space left on device")
+        assert new_runs() == []
+
+
+class TestTrain:
+    def test_names_the_run_and_its_directory_and_is_done(self, train, new_runs):
+        finished = train("--name=lab", "--seed=7")
+        assert finished.code == 0
+        assert finished.err == ""
+        [run] = new_runs()
+        assert re.fullmatch(r"\d{8}T\d{6}Z-lab-s7-[a-z]{4}", run.name)
+        assert files_of(run) == COMPLETE
+        assert f"run directory: {run}" in finished.out.splitlines()
+        assert "completed: 3 episodes" in finished.out
+
+    def test_records_the_command_as_it_was_given(self, train, new_runs, runs_dir):
+        train("--seed=7")
+        expected = ["orchid", *TINY_TRAIN, "--runs-dir", str(runs_dir), "--seed=7"]
+        assert record_of(new_runs()[0])["command"] == expected
+
+    def test_flags_reach_the_run(self, train, new_runs):
+        train("--kappa=0.25", "--objective=pf", "--init=random", "--distribution=uniform")
+        config = json.loads((new_runs()[0] / "config.json").read_text())
+        assert config["reset"]["kappa"] == 0.25
+        assert config["reset"]["enabled"] is False
+        assert config["reward"]["objective"] == "pf"
+        assert config["deployment"]["init"] == "random"
+        assert config["network"]["distribution"] == "uniform"
+        assert config["network"]["uav_count"] == 2
+
+    def test_off_a_terminal_prints_lines_of_any_length_without_escape_codes(
+        self, orchid, runs_dir, monkeypatch
+    ):
+        monkeypatch.setenv("COLUMNS", "40")
+        deep = runs_dir / ("a" * 60) / ("b" * 60)
+        finished = orchid(*TINY_TRAIN, "--runs-dir", deep)
+        assert ESCAPE not in finished.out
+        [run] = deep.iterdir()
+        lines = finished.out.splitlines()
+        assert lines[0] == f"run {run.name} in {run}"
+        assert lines[-1] == f"run directory: {run}"
+        progress = [line for line in lines if line.startswith("episode 3/3: ")]
+        assert len(progress) == 1
+        for figure in ("reward", "coverage", "energy efficiency", "rate JFI", "load JFI"):
+            assert f"{figure} " in progress[0]
+        table = dict(line.split("\t") for line in lines if "\t" in line)
+        assert table["mean of the last episodes"] == "3"
+        final = record_of(run)["final"]
+        assert table["reward"] == f"{final['reward']:.1f}"
+        assert table["worst user"] == f"{final['worst_rate_bps'] / 1e6:.2f} Mbit/s"
+
+    def test_directories_are_printed_as_they_are_called(self, orchid, runs_dir):
+        odd = runs_dir / "a[bold]b[red]c"
+        finished = orchid(*TINY_TRAIN, "--runs-dir", odd)
+        assert finished.code == 0
+        [run] = odd.iterdir()
+        assert str(run) in finished.out.splitlines()[0]
+        assert str(run) in finished.out.splitlines()[-1]
+
+    def test_quietly_shows_no_progress(self, train, new_runs):
+        finished = train("--quiet")
+        assert finished.err == ""
+        assert "episode 3/3" not in finished.out
+        assert str(new_runs()[0]) in finished.out
+
+    def test_resets_are_shown(self, orchid, runs_dir):
+        finished = orchid(
+            *("train", *TINY_FLAGS, "--episodes=6", "--runs-dir", runs_dir, "--set=reset.window=2"),
+            *("--set=reset.tolerance_jfi=1e9", "--set=reset.tolerance_reward=1e9"),
+        )
+        assert "episode 4: plateau" in finished.out
+        assert "5e-05 0.0005" in finished.out
+        assert "resets at episode: 4" in finished.out
+
+    @pytest.mark.parametrize(
+        ("episodes", "arguments", "warns"),
+        [(3, [], True), (4, [], True), (5, [], False), (3, ["--no-rf"], False)],
+    )
+    def test_windows_that_do_not_fit_are_pointed_out(
+        self, orchid, runs_dir, episodes, arguments, warns
+    ):
+        finished = orchid(
+            *("train", *TINY_FLAGS, "--set=reset.window=2", "--runs-dir", runs_dir),
+            *("--quiet", f"--episodes={episodes}", *arguments),
+        )
+        assert finished.code == 0
+        assert ("Reset-and-Finetune" in finished.err) == warns
+
+
+class TestJson:
+    def test_is_one_document_and_progress_goes_to_stderr(self, train, new_runs):
+        finished = train("--json")
+        document = json.loads(finished.out)
+        [run] = new_runs()
+        assert finished.code == 0
+        assert document["schema"] == 1
+        assert document["run"] == run.name
+        assert Path(document["path"]) == run
+        assert document["episodes"] == 3
+        assert document["reset_episodes"] == []
+        assert document["final"] == record_of(run)["final"]
+        assert list(document["final"]) == COLUMNS[1:]
+        assert run.name in finished.err
+        assert ESCAPE not in finished.err
+
+    def test_quietly_is_nothing_but_the_document(self, train):
+        finished = train("--json", "--quiet")
+        assert finished.err == ""
+        assert finished.out.count("\n") == 1
+        assert json.loads(finished.out)["episodes"] == 3
+
+    def test_of_an_interrupted_run_is_whole_too(self, train, monkeypatch):
+        interrupt_with(monkeypatch, signal.SIGINT)
+        finished = train("--json", "--quiet", "--episodes=9")
+        assert finished.code == 130
+        assert json.loads(finished.out)["episodes"] == 2
+
+
+class TestOnATerminal:
+    def test_a_bar_and_a_table_show_how_the_run_goes(self, train, terminal):
+        screen = terminal()
+        assert train("--set=reset.enabled=true").code == 0
+        assert ESCAPE in screen.getvalue()
+        for shown in (
+            *("3/3", "100 %", "reward", "coverage", "energy efficiency", "rate JFI", "load JFI"),
+            *("worst user", "0.0001 / 0.001", "Reset-and-Finetune", "steps/s", "left"),
+        ):
+            assert shown in screen.text
+
+    def test_no_color_takes_the_colours_away(self, train, terminal, monkeypatch):
+        colour = re.compile(r"\x1b\[(?:[0-9;]*;)?(?:3[0-7]|38|9[0-7]|4[0-7]|48|10[0-7])[;m]")
+        coloured = terminal()
+        train()
+        monkeypatch.setenv("NO_COLOR", "1")
+        plain = terminal()
+        train()
+        assert colour.search(coloured.getvalue())
+        assert not colour.search(plain.getvalue())
+
+    def test_a_dumb_one_gets_lines(self, train, terminal, monkeypatch):
+        monkeypatch.setenv("TERM", "dumb")
+        screen = terminal()
+        assert train().code == 0
+        assert ESCAPE not in screen.getvalue()
+        assert "episode 3/3: " in screen.getvalue()
+
+    def test_a_narrow_one_does_not_break_the_directory(
+        self, train, terminal, new_runs, monkeypatch
+    ):
+        monkeypatch.setenv("COLUMNS", "40")
+        screen = terminal()
+        assert train().code == 0
+        assert f"run directory: {new_runs()[0]}" in screen.text
+
+    def test_a_narrow_one_does_not_cut_keys(self, orchid, terminal, monkeypatch):
+        monkeypatch.setenv("COLUMNS", "50")
+        screen = terminal()
+        assert orchid("config", "show").code == 0
+        assert "reset.tolerance_jfi" in screen.text
+        assert "reset.tolerance_reward" in screen.text
+
+    def test_json_stays_one_document(self, train, monkeypatch, capsys):
+        screen = Terminal()
+        monkeypatch.setattr(sys, "stderr", screen)
+        assert json.loads(train("--json").out)["episodes"] == 3
+        assert "3/3" in screen.text
+
+
+class TestFailure:
+    @pytest.fixture
+    def failing_update(self, monkeypatch):
+        def fail(model):
+            raise ArithmeticError("the loss is not a number")
+
+        monkeypatch.setattr(MAPPO, "train", fail)
+
+    @pytest.mark.parametrize("output", [[], ["--json"]])
+    def test_while_learning_is_one_line_and_exit_code_1(
+        self, train, new_runs, failing_update, output
+    ):
+        finished = train("--quiet", *output)
+        assert_is_an_error(finished, "the loss is not a number", new_runs()[0].name, code=1)
+        record = record_of(new_runs()[0])
+        assert record["status"] == "failed"
+        assert record["error"] == "ArithmeticError: the loss is not a number"
+
+    def test_shows_its_traceback_on_demand(self, train, failing_update):
+        finished = train("--debug")
+        assert finished.code == 1
+        assert "Traceback" in finished.err
+        assert "ArithmeticError: the loss is not a number" in finished.err
+
+    def test_of_a_policy_that_diverges_is_two_lines_at_most(self, train):
+        finished = train("--quiet", "--set=ppo.actor_learning_rate=1e30")
+        assert_is_an_error(finished, code=1)
+
+    def test_to_print_is_no_traceback(self, orchid, monkeypatch):
+        full = Path("/dev/full")
+        if not full.exists():
+            pytest.skip("no /dev/full")
+        with full.open("w", buffering=1) as stdout:
+            monkeypatch.setattr(sys, "stdout", stdout)
+            finished = orchid("config", "show")
+        assert_is_an_error(finished, "No space left on device", code=1)
+
+    def test_of_a_full_disk_during_a_run_costs_no_row_that_was_written(
+        self, start_orchid, runs_dir, new_runs
+    ):
+        resource = pytest.importorskip("resource")
+        if not hasattr(resource, "prlimit"):
+            pytest.skip("limits of another process are Linux's")
+        there_before = set(runs_dir.iterdir())
+        process = start_orchid(*ENDLESS, "--quiet", "--runs-dir", runs_dir)
+        run = until_rows_are_written(process, runs_dir, there_before)
+        size = (run / "episodes.csv").stat().st_size
+        resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (size + 3000, size + 3000))
+        out, err = process.communicate(timeout=GIVE_UP_AFTER_S)
+        assert process.returncode == 1
+        assert out == ""
+        assert "Traceback" not in err
+        assert "error: " in err
+        assert "File too large" in err
+        record = record_of(run)
+        assert record["status"] == "failed"
+        assert columns(run)["episode"] == list(range(1, record["episodes"] + 1))
+        assert record["episodes"] > 3
+        assert not [name for name in files_of(run) if name.startswith(".")]
+
+
+class TestInterruption:
+    @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+    def test_ends_with_130_and_says_what_is_kept(self, train, new_runs, monkeypatch, number):
+        interrupt_with(monkeypatch, number)
+        finished = train("--quiet", "--episodes=9")
+        assert finished.code == 130
+        assert "interrupted: 2 episodes" in finished.out
+        assert str(new_runs()[0]) in finished.out
+        assert "Traceback" not in finished.err
+
+    @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+    def test_of_a_process_leaves_a_complete_directory(self, start_orchid, runs_dir, number):
+        there_before = set(runs_dir.iterdir())
+        process = start_orchid(*ENDLESS, "--json", "--runs-dir", runs_dir)
+        run = until_rows_are_written(process, runs_dir, there_before)
+        process.send_signal(number)
+        out, err = process.communicate(timeout=GIVE_UP_AFTER_S)
+        assert process.returncode == 130
+        assert "Traceback" not in err
+        assert files_of(run) == COMPLETE
+        record = record_of(run)
+        assert record["status"] == "interrupted"
+        assert columns(run)["episode"] == list(range(1, record["episodes"] + 1))
+        assert json.loads(out)["episodes"] == record["episodes"] >= 3
+        assert load_policy(run).description["episodes"] == record["episodes"]
+
+    def test_twice_ends_at_once_with_130_and_no_traceback(self, train, new_runs, monkeypatch):
+        show = display.SilentReporter.show
+
+        def interrupt_twice(self, rows, reset_episodes):
+            show(self, rows, reset_episodes)
+            signal.raise_signal(signal.SIGINT)
+            signal.raise_signal(signal.SIGINT)
+
+        monkeypatch.setattr(display.SilentReporter, "show", interrupt_twice)
+        finished = train("--quiet", "--episodes=9")
+        assert finished.code == 130
+        assert "Traceback" not in finished.err
+        [run] = new_runs()
+        assert record_of(run)["status"] == "interrupted"
+        assert len(cells(run)) == 2
+
+    @pytest.mark.parametrize("module", ["numpy", "typer", "torch"])
+    def test_while_it_starts_is_no_traceback(self, tmp_path, plain_environment, module):
+        # The installed script, whose imports take a second or two, with a ctrl-C in the middle.
+        script = shutil.which("orchid", path=Path(sys.executable).parent)
+        if script is None:
+            pytest.skip("the command is not installed beside this Python")
+        code = f"""
+import importlib.abc, runpy, signal, sys
+class Interrupt(importlib.abc.MetaPathFinder):
+    def find_spec(self, name, path, target=None):
+        if name == {module!r}:
+            sys.meta_path.remove(self)
+            signal.raise_signal(signal.SIGINT)
+sys.meta_path.insert(0, Interrupt())
+sys.argv = ["orchid", "train", "--runs-dir", {str(tmp_path / "runs")!r}]
+runpy.run_path({script!r}, run_name="__main__")
+"""
+        finished = subprocess.run(
+            [sys.executable, "-c", code],
+            capture_output=True,
+            text=True,
+            timeout=GIVE_UP_AFTER_S,
+            check=False,
+        )
+        assert finished.returncode in {130, -signal.SIGINT}
+        assert "Traceback" not in finished.stderr
+        assert not (tmp_path / "runs").exists()
+
+    def test_of_what_reads_the_output_does_not_leave_the_run_running(self, start_orchid, runs_dir):
+        # orchid train | head -1
+        there_before = set(runs_dir.iterdir())
+        flags = [
+            "--set=reset.window=1",
+            "--set=reset.tolerance_jfi=1e9",
+            "--set=reset.max_resets=99",
+        ]
+        process = start_orchid(
+            *("train", *TINY_FLAGS, "--episodes=200", "--runs-dir", runs_dir, *flags),
+            "--set=reset.tolerance_reward=1e9",
+        )
+        assert process.stdout.readline().startswith("run ")
+        process.stdout.close()
+        process.stdout = None
+        _, err = process.communicate(timeout=GIVE_UP_AFTER_S)
+        assert "Traceback" not in err
+        [run] = set(runs_dir.iterdir()) - there_before
+        assert record_of(run)["status"] != "running"
