@@ -55,6 +55,12 @@ def alternate(cases: Mapping[str, Case], repetitions: int) -> dict[str, dict[str
     }
 
 
+def ratio(results: Mapping[str, Mapping[str, Any]], over: str, under: str) -> float:
+    """Median over the rounds of one case's result divided by the other's in the same round."""
+    pairs = zip(results[over]["repetitions"], results[under]["repetitions"], strict=True)
+    return round(statistics.median(one / other for one, other in pairs), 2)
+
+
 def _rounded(value: Any) -> Any:
     """Five digits, which is more than a repetition gives again."""
     if isinstance(value, list):

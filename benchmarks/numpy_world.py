@@ -6,6 +6,7 @@ loop over worlds, UAVs or users. ``tests/test_numpy_world.py`` compares the two,
 """
 
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,7 +102,7 @@ def _flight_box(constants: Constants) -> tuple[Floats, Floats]:
     return low_m, high_m
 
 
-def _sum_of_squares(vectors: Floats) -> Floats:
+def _sum_of_squares(vectors: NDArray[Any]) -> NDArray[Any]:
     return np.einsum("...i,...i->...", vectors, vectors)
 
 

@@ -3,8 +3,9 @@
     orchid train
     python -m benchmarks.reference_run RUN_DIRECTORY
 
-The learned policy is flown deterministically and with the noise of training, beside its zero-action
-twin (the same start, no action at all) and beside the simplest rule there is: circling the start.
+The learned policy is flown deterministically and with the noise of training, beside itself before
+training, its zero-action twin (the same start, no action at all), and the simplest rule there is:
+circling the start.
 """
 
 import argparse
@@ -19,9 +20,11 @@ from numpy.typing import NDArray
 
 from orchid_uav.agents import LocalActor, load_policy
 from orchid_uav.envs import EPISODE_METRICS, WorldBatch, evaluation_seeds
+from orchid_uav.envs.vector import FleetVecEnv
 from orchid_uav.experiments.configuration import RunConfig
 from orchid_uav.experiments.files import write_json
 from orchid_uav.experiments.run_directory import EPISODE_COLUMNS, read_episodes
+from orchid_uav.experiments.training import build_model
 
 RESULTS = Path(__file__).parent / "results" / "reference_run.json"
 TOPOLOGIES = 100
@@ -45,6 +48,12 @@ def learned(actor: LocalActor, noise: np.random.Generator | None) -> Rule:
         return actions.reshape(world.world_count, world.uav_count, -1)
 
     return act
+
+
+def untrained(config: RunConfig) -> LocalActor:
+    """The actor that the run began with."""
+    policy = build_model(config, FleetVecEnv(config.network_parameters)).policy
+    return LocalActor(policy.actor_layers(), policy.log_std.detach().numpy())
 
 
 def hover(world: WorldBatch) -> Actions:
@@ -110,6 +119,7 @@ def collect(directory: Path) -> dict[str, Any]:
         "flights": {
             "learned, deterministic": fly(config, lambda _: learned(actor, None)),
             "learned, sampled": fly(config, lambda _: learned(actor, noise)),
+            "untrained, sampled": fly(config, lambda _: learned(untrained(config), noise)),
             "zero action (hover at the start)": fly(config, lambda _: hover),
             "circle the start, full power": fly(
                 config, lambda world: circle(world.arrays.positions_m.copy())

@@ -9,13 +9,14 @@ It comes twice: "numpy" evaluates all links, as anybody would write it; "numpy, 
 compiled step's rule that spares most of them. "compiled, all links" is the compiled step without
 that rule.
 
-mobile-env 2 (PyPI) is a Gymnasium environment of a cellular network: an object per station and
+mobile-env (PyPI) is a Gymnasium environment of a cellular network: an object per station and
 user, loops over both. Here it has 5 fixed stations, those of its large scenario numbered 0 to 4,
 and 100 walking users, Okumura-Hata loss, equal shares, its central agent's observation, and random
 connection wishes as actions. It knows no batch, no flight, no propulsion and no fairness, so a
 step of it is less work than a world-step of ours. It is left out where it is not installed.
 """
 
+import importlib.metadata
 import importlib.util
 import time
 from collections.abc import Callable
@@ -26,10 +27,18 @@ from unittest import mock
 import numba
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
+from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from benchmarks import numpy_world
-from benchmarks.measuring import Case, alternate, arguments, record, report, settle_allocator
+from benchmarks.measuring import (
+    Case,
+    alternate,
+    arguments,
+    ratio,
+    record,
+    report,
+    settle_allocator,
+)
 from orchid_uav.envs import channel, dynamics, make_vec_env
 from orchid_uav.envs.arrays import ACTION_SIZE
 from orchid_uav.envs.parameters import Parameters
@@ -95,10 +104,20 @@ def face_speed(worlds: int, pool: NDArray[np.float32], repetition: int) -> float
     return worlds * (SLOTS - 1) / (time.perf_counter() - begin_s)
 
 
+def _mobile_env_version() -> str | None:
+    try:
+        return importlib.metadata.version("mobile-env")
+    except importlib.metadata.PackageNotFoundError:
+        return None
+
+
 def mobile_env_speed(repetition: int) -> float:
     """Steps per second of mobile-env."""
-    from mobile_env.core.base import MComCore
-    from mobile_env.core.entities import BaseStation, UserEquipment
+    from mobile_env.core.base import MComCore  # type: ignore[import-untyped]
+    from mobile_env.core.entities import (  # type: ignore[import-untyped]
+        BaseStation,
+        UserEquipment,
+    )
 
     users = Parameters().network.user_count
     config = MComCore.default_config()
@@ -142,7 +161,7 @@ def cases() -> dict[str, Case]:
         "SB3 face": partial(face_speed, WORLDS, rows),
         "SB3 face, 1 world": partial(face_speed, 1, rows),
     }
-    if importlib.util.find_spec("mobile_env") is not None:
+    if _mobile_env_version() is not None:
         named["mobile-env"] = mobile_env_speed
     return named
 
@@ -158,7 +177,7 @@ RATIOS = {
     "compiled, moving users / mobile-env": ("compiled, moving users", "mobile-env"),
     "SB3 face, 1 world / mobile-env": ("SB3 face, 1 world", "mobile-env"),
 }
-"""Ratios of medians, by what they say."""
+"""What is divided by what."""
 
 
 def main() -> None:
@@ -168,7 +187,7 @@ def main() -> None:
     with threadpool_limits(1):
         speeds = alternate(cases(), options.repetitions)
     ratios = {
-        name: round(speeds[over]["median"] / speeds[under]["median"], 2)
+        name: ratio(speeds, over, under)
         for name, (over, under) in RATIOS.items()
         if under in speeds
     }
@@ -180,6 +199,7 @@ def main() -> None:
             "users": network.user_count,
             "slots": SLOTS,
             "moving_users_mps": MOVING_MPS,
+            "mobile_env": _mobile_env_version(),
             "mobile_env_stations": len(STATIONS_M),
             "repetitions": options.repetitions,
         },
@@ -187,7 +207,7 @@ def main() -> None:
         ratios=ratios,
     )
     rows = {name: f"{speed['median']:,.0f} world-steps/s" for name, speed in speeds.items()}
-    rows |= {name: f"{ratio:.1f} x" for name, ratio in ratios.items()}
+    rows |= {name: f"{value:.1f} x" for name, value in ratios.items()}
     report("Simulator, one core", rows, document, options.json)
 
 

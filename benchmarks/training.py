@@ -1,26 +1,24 @@
 """What a training run costs beyond the gradient steps themselves, and its memory.
 
-"learning loop" is the loop as ``orchid train`` runs it, :func:`orchid_uav.experiments.training.
-train` with the paper's configuration, episodes.csv, TensorBoard's events and the live display (on a
-terminal that goes nowhere); its seconds begin after imports and compilation, as those of
-``orchid train --json``.
+"learning loop" is the loop as ``orchid train`` runs it: the paper's configuration, episodes.csv,
+TensorBoard's events and the live display (on a terminal that goes nowhere). Its seconds begin after
+imports and compilation, as those of ``orchid train --json``.
 
-"bare updates" is the least that any implementation in torch has to do for the same result: the
-forward passes, losses, backward passes, clippings and optimizer steps of as many minibatches, on
-the tensors of one stored rollout that lie ready; no environment, no rollout, no shuffling, no
-figures. Before each episode's worth of updates the weights are put back, outside the time taken, so
-that they never leave the region in which the rollout makes sense.
+"bare updates" is the least that an implementation in torch has to do for as many gradient steps:
+forward passes, losses, backward passes, clipping and optimizer steps, on the minibatches of one
+stored rollout that lie ready. No environment, no rollout, no shuffling, no figures. Before each
+episode's worth of updates the weights are put back, outside the time taken, so that the rollout
+stays one of theirs.
 
 Both take turns in one process with one thread.
 """
 
 import io
+import os
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
 from copy import deepcopy
 from functools import partial
 from pathlib import Path
@@ -28,8 +26,23 @@ from typing import Any
 from unittest import mock
 
 import numpy as np
-import orchid_uav.experiments.training as loop
 import torch
+from rich.console import Console
+from stable_baselines3.common.callbacks import CallbackList
+from stable_baselines3.common.logger import Logger
+from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
+from torch.nn import functional
+
+import orchid_uav.experiments.training as loop
+from benchmarks.measuring import (
+    alternate,
+    arguments,
+    ratio,
+    record,
+    report,
+    settle_allocator,
+)
+from benchmarks.stopwatch import Stopwatch
 from orchid_uav.agents.mappo import MAPPO
 from orchid_uav.agents.policies import CentralizedCriticPolicy
 from orchid_uav.agents.rollout import MiniBatch
@@ -41,17 +54,42 @@ from orchid_uav.envs.world import WorldBatch
 from orchid_uav.experiments.configuration import RunConfig
 from orchid_uav.experiments.run_directory import RunDirectory
 from orchid_uav.experiments.trackers import SafeTracker, open_tracker
-from rich.console import Console
-from stable_baselines3.common.callbacks import CallbackList
-from threadpoolctl import threadpool_limits
-from torch.nn import functional
-
-from benchmarks.measuring import alternate, arguments, record, report, settle_allocator
 
 EPISODES = 30
-DENORMAL_EPISODES = 60
+DENORMAL_EPISODES, DENORMAL_LAST = 80, 20
 MEMORY_EPISODES = 20
 _HALF_LOG_TWO_PI = 0.5 * float(np.log(2.0 * np.pi))
+
+WATCHED: dict[str, tuple[Any, str]] = {
+    "rollout": (MAPPO, "collect_rollouts"),
+    "update": (MAPPO, "train"),
+    "evaluate": (MAPPO, "_evaluate_rollout"),
+    "actor": (CentralizedCriticPolicy, "action_mean"),
+    "step": (FleetVecEnv, "step"),
+    "reset": (WorldBatch, "reset"),
+    "kmeans": (deployment, "gbs_aware_kmeans"),
+    "callbacks": (CallbackList, "on_step"),
+    "log": (EpisodeLog, "_on_episodes"),
+    "csv": (RunDirectory, "append_episodes"),
+    "tensorboard": (SafeTracker, "log"),
+    "display": (LiveReporter, "show"),
+}
+SHARES = {
+    "update": "updates of actor and critic",
+    "evaluate": "rollout: values, log probabilities, advantages",
+    "tensorboard": "log: TensorBoard",
+    "csv": "log: episodes.csv",
+    "display": "log: display",
+    "log": "log: rest",
+    "kmeans": "rollout: reset, K-Means",
+    "reset": "rollout: reset, rest",
+    "step": "rollout: simulator",
+    "actor": "rollout: actor",
+    "callbacks": "rollout: callbacks at every step",
+    "rollout": "rollout: rest",
+}
+"""What the time under a label is called; of several labels in a path the first here counts."""
+REST = "rest of the loop"
 
 
 def configuration(episodes: int, seed: int) -> RunConfig:
@@ -68,4 +106,177 @@ def learning_loop_s(episodes: int, repetition: int) -> float:
     with tempfile.TemporaryDirectory() as directory:
         run = RunDirectory.create(Path(directory), "benchmark", config, sys.argv)
         trackers = [open_tracker("tensorboard", run.path, config)]
-        return loop.train(config, run, LiveReporter(terminal), trackers).seconds
+        outcome = loop.train(config, run, LiveReporter(terminal), trackers)
+    if outcome.status != "completed":
+        raise RuntimeError(f"the run is {outcome.status}: its time says nothing")
+    return outcome.seconds
+
+
+class BareUpdates:
+    """Gradient steps on one stored rollout, and nothing else."""
+
+    def __init__(self) -> None:
+        config = configuration(episodes=1, seed=0)
+        loop.set_up_torch(config.training.threads)
+        env = FleetVecEnv(config.network_parameters, seed=0)
+        model = loop.build_model(config, env)
+        model.set_logger(Logger(folder=None, output_formats=[]))
+        self._policy = model.policy
+        self._weights = deepcopy(self._policy.state_dict())
+        model.learn(config.network.episode_slots * env.num_envs)
+        self._ppo = config.ppo
+        self._minibatches = [
+            batch
+            for _ in range(config.ppo.epochs)
+            for batch in model.rollout_buffer.get(config.ppo.batch_size)
+        ]
+
+    @property
+    def sizes(self) -> list[int]:
+        """Samples of each gradient step of an episode."""
+        return [len(batch.actions) for batch in self._minibatches]
+
+    def seconds(self, episodes: int, repetition: int) -> float:
+        """Seconds of as many gradient steps as so many episodes take."""
+        total_s = 0.0
+        for _ in range(episodes):
+            self._policy.load_state_dict(self._weights)
+            begin_s = time.perf_counter()
+            for batch in self._minibatches:
+                self._update(batch)
+            total_s += time.perf_counter() - begin_s
+        return total_s
+
+    def _update(self, batch: MiniBatch) -> None:
+        policy, ppo = self._policy, self._ppo
+        mean = torch.tanh(policy.actor(batch.observations))
+        deviations = (batch.actions - mean) / policy.log_std.exp()
+        log_prob = -(0.5 * deviations**2 + policy.log_std + _HALF_LOG_TWO_PI).sum(dim=1)
+        entropy = (policy.log_std + 0.5 + _HALF_LOG_TWO_PI).sum()
+        advantages = batch.advantages
+        advantages = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
+        likelihood = (log_prob - batch.old_log_prob).exp()
+        clipped = likelihood.clamp(1.0 - ppo.clip_ratio, 1.0 + ppo.clip_ratio)
+        policy_loss = -torch.min(advantages * likelihood, advantages * clipped).mean()
+        value_loss = functional.mse_loss(policy.critic(batch.states).squeeze(-1), batch.returns)
+        loss = policy_loss - ppo.entropy_coef[0] * entropy + ppo.value_coef * value_loss
+        policy.optimizer.zero_grad()
+        loss.backward()
+        torch.nn.utils.clip_grad_norm_(policy.actor_parameters(), ppo.max_grad_norm)
+        torch.nn.utils.clip_grad_norm_(policy.critic_parameters(), ppo.max_grad_norm)
+        policy.optimizer.step()
+
+
+def update_phase_s(flush: bool, repetition: int) -> float:
+    """Seconds of updates per episode, late in a run, with denormal numbers flushed to 0 or kept."""
+    seconds: list[float] = []
+    train, set_flush_denormal = MAPPO.train, torch.set_flush_denormal
+
+    def timed_train(model: MAPPO) -> None:
+        begin_s = time.perf_counter()
+        train(model)
+        seconds.append(time.perf_counter() - begin_s)
+
+    with (
+        mock.patch.object(MAPPO, "train", timed_train),
+        mock.patch.object(torch, "set_flush_denormal", lambda _: set_flush_denormal(flush)),
+    ):
+        learning_loop_s(DENORMAL_EPISODES, repetition)
+    return sum(seconds[-DENORMAL_LAST:]) / DENORMAL_LAST
+
+
+def spent_s() -> dict[str, float]:
+    """Seconds per episode of the learning loop, by what they are spent on, most first."""
+    watch = Stopwatch()
+    with watch.watching(WATCHED):
+        total_s = learning_loop_s(EPISODES, repetition=0)
+    spent = dict.fromkeys([*SHARES.values(), REST], 0.0)
+    for path, seconds in watch.exclusive_s().items():
+        if path[0] in ("rollout", "update", "log"):  # others come before the loop
+            spent[next(SHARES[label] for label in SHARES if label in path)] += seconds
+    spent[REST] = total_s - sum(spent.values())
+    return {
+        name: round(seconds / EPISODES, 6)
+        for name, seconds in sorted(spent.items(), key=lambda item: -item[1])
+    }
+
+
+def peak_memory_mib() -> dict[str, float]:
+    """Greatest resident memory of ``orchid train``, when it compiles the simulator and when not.
+
+    A process between the two measures it: right after the fork a child's figure is its parent's.
+    """
+    launcher = (
+        "import resource, subprocess, sys\n"
+        "subprocess.run(sys.argv[1:], check=True, stdout=subprocess.DEVNULL)\n"
+        "print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)\n"
+    )
+    unit = 2**20 if sys.platform == "darwin" else 2**10
+    peaks: dict[str, float] = {}
+    with tempfile.TemporaryDirectory() as directory:
+        command = [sys.executable, "-m", "orchid_uav", "train", "--quiet"]
+        command += ["--episodes", str(MEMORY_EPISODES), "--runs-dir", directory]
+        for name in ("compiling", "compiled before"):
+            finished = subprocess.run(
+                [sys.executable, "-c", launcher, *command],
+                env={**os.environ, "NUMBA_CACHE_DIR": directory},
+                check=True,
+                capture_output=True,
+                text=True,
+            )
+            peaks[name] = round(int(finished.stdout) / unit)
+    return peaks
+
+
+def main() -> None:
+    """Measure and report."""
+    options = arguments("Cost of the learning loop, one thread.", repetitions=7)
+    settle_allocator()
+    with threadpool_limits(1):
+        bare = BareUpdates()
+        seconds = alternate(
+            {
+                "learning loop": partial(learning_loop_s, EPISODES),
+                "bare updates": partial(bare.seconds, EPISODES),
+            },
+            options.repetitions,
+        )
+        update_phase = alternate(
+            {
+                "denormals flushed": partial(update_phase_s, True),
+                "denormals kept": partial(update_phase_s, False),
+            },
+            max(1, options.repetitions // 2),
+        )
+        spent = spent_s()
+    memory = peak_memory_mib()
+    ratios = {
+        "learning loop / bare updates": ratio(seconds, "learning loop", "bare updates"),
+        "updates, denormals kept / flushed": ratio(
+            update_phase, "denormals kept", "denormals flushed"
+        ),
+    }
+    document = record(
+        {
+            "episodes": EPISODES,
+            "repetitions": options.repetitions,
+            "samples_per_gradient_step": bare.sizes,
+            "denormal_episodes": DENORMAL_EPISODES,
+            "denormal_last_episodes": DENORMAL_LAST,
+            "memory_episodes": MEMORY_EPISODES,
+        },
+        seconds=seconds,
+        update_phase_s_per_episode=update_phase,
+        spent_s_per_episode=spent,
+        peak_memory_mib=memory,
+        ratios=ratios,
+    )
+    rows = {name: f"{value['median']:.2f} s" for name, value in seconds.items()}
+    rows |= {name: f"{value:.2f} x" for name, value in ratios.items()}
+    rows |= {f"per episode: {name}": f"{value * 1e3:.2f} ms" for name, value in spent.items()}
+    rows |= {f"peak memory, {name}": f"{value} MiB" for name, value in memory.items()}
+    report(f"Training, {EPISODES} episodes, one thread", rows, document, options.json)
+
+
+if __name__ == "__main__":
+    main()

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
-from pydantic import Field, ValidationError
+from pydantic import Field, ValidationError, model_validator
 
 from orchid_uav.envs.parameters import NotNegative, Pair, Parameters, Positive, Section
 from orchid_uav.experiments.errors import InputError
@@ -78,7 +78,7 @@ class TrainingParameters(Section):
     """Seed of topologies, weights and exploration."""
     worlds: Annotated[int, Field(ge=1)] = 1
     """Worlds flown side by side; an update follows after each has flown one episode."""
-    threads: Annotated[int, Field(ge=1)] = 1
+    threads: Annotated[int, Field(ge=1, le=256)] = 1
     """Threads of torch; one is fastest for networks of this size."""
 
 
@@ -91,6 +91,16 @@ class RunConfig(Parameters):
     """Reset-and-Finetune."""
     training: TrainingParameters = TrainingParameters()
     """Episodes, seed, algorithm."""
+
+    @model_validator(mode="after")
+    def _enough_samples(self) -> "RunConfig":
+        network = self.network
+        if network.uav_count * network.episode_slots * self.training.worlds < 2:
+            raise ValueError(
+                "one UAV, world and slot (network.episode_slots) make a rollout of one sample, "
+                "and at least 2 are needed"
+            )
+        return self
 
     @property
     def network_parameters(self) -> Parameters:
@@ -176,7 +186,7 @@ def file_layer(path: Path) -> Layer:
             nested = json.loads(text)
         else:
             raise InputError(f"configuration {path} ends in neither .toml nor .json")
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(f"configuration {path} is not valid {path.suffix[1:]}: {error}") from error
     return Layer(str(path), _by_dotted_key(nested, str(path)))
 
@@ -241,10 +251,9 @@ def _by_dotted_key(nested: Any, source: str) -> dict[str, Any]:
 
 def _unknown(kind: str, name: str, known: Iterable[str]) -> str:
     candidates = list(known)
-    near = difflib.get_close_matches(name, candidates, n=1, cutoff=0.5)
-    if not near:  # a key whose section is wrong or missing
-        field = name.rpartition(".")[2]
-        near = [key for key in candidates if key.rpartition(".")[2] == field]
+    field = name.rpartition(".")[2]  # right, perhaps, in a section that is wrong or missing
+    near = [key for key in candidates if key.rpartition(".")[2] == field]
+    near = near or difflib.get_close_matches(name, candidates, n=1, cutoff=0.5)
     hint = f"did you mean '{near[0]}'?" if near else f"known are {', '.join(candidates[:12])} ..."
     return f"unknown {kind} '{name}': {hint}"
 
@@ -254,7 +263,8 @@ def _describe(error: ValidationError, sources: Mapping[str, str]) -> str:
     location = [str(part) for part in first["loc"]]
     key = ".".join(location[:2])
     message = first["msg"].removeprefix("Value error, ")
-    if len(location) < 2:  # a rule about a whole section
+    if len(location) < 2:  # a rule about several values
         changed = [f"{name} ({source})" for name, source in sources.items() if source != "default"]
-        return f"{key}: {message}" + (f"; set here: {', '.join(changed)}" if changed else "")
+        told = f"{key}: {message}" if key else message
+        return told + (f"; set here: {', '.join(changed)}" if changed else "")
     return f"{key} = {first['input']!r} ({sources.get(key, 'default')}): {message.lower()}"

@@ -31,7 +31,9 @@ def interruption_requests() -> Iterator[Interruption]:
         yield interruption
         return
     caught = (signal.SIGINT, signal.SIGTERM)
-    previous = {number: signal.signal(number, note) for number in caught}
+    # What the caller ignores (nohup, a shell's background job) stays ignored.
+    heeded = [number for number in caught if signal.getsignal(number) is not signal.SIG_IGN]
+    previous = {number: signal.signal(number, note) for number in heeded}
     try:
         yield interruption
     finally:

@@ -2,6 +2,7 @@
 
 import csv
 import io
+import math
 import os
 import re
 import secrets
@@ -119,10 +120,12 @@ class RunDirectory:
         for row in rows:
             writer.writerow(_formatted(row))
         content = text.getvalue().encode()
-        with (self.path / "episodes.csv").open("ab") as file:
+        # Unbuffered: what a failed write leaves in a buffer would be written at closing after all.
+        with (self.path / "episodes.csv").open("ab", buffering=0) as file:
             try:
-                file.write(content)
-                file.flush()
+                written = 0
+                while written < len(content):
+                    written += file.write(content[written:])
             except OSError:
                 os.truncate(file.fileno(), self._episodes_size)
                 raise
@@ -157,16 +160,20 @@ class RunDirectory:
         write_json(self.path / "run.json", self.record)
 
 
-def final_figures(rows: Sequence[Row]) -> dict[str, float]:
-    """Means of the last 50 episodes, by column; empty if there was no episode."""
+def final_figures(rows: Sequence[Row]) -> dict[str, float | None]:
+    """Means of the last 50 episodes, by column; empty if there was no episode.
+
+    None where a mean is not a finite number, which JSON cannot hold.
+    """
     last = rows[-_FINAL_EPISODES:]
     if not last:
         return {}
-    return {
+    means = {
         column: sum(row[column] for row in last) / len(last)
         for column in EPISODE_COLUMNS
         if column != "episode"
     }
+    return {column: mean if math.isfinite(mean) else None for column, mean in means.items()}
 
 
 def read_episodes(path: Path) -> list[Row]:

@@ -4,7 +4,11 @@ A tracker is told of every episode and can never stop a training: an error switc
 warning. Its package is imported only when it is asked for.
 """
 
-import warnings
+import importlib
+import os
+import platform
+import sys
+import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Protocol
@@ -26,21 +30,37 @@ class Tracker(Protocol):
 
 
 class TensorBoardTracker:
-    """``events.out.tfevents.*`` in the run directory, figures over episodes."""
+    """``events.out.tfevents.*`` in the run directory, one event per episode.
+
+    Written here and now, not by the thread of ``SummaryWriter``, which on a full disk dies with a
+    traceback.
+    """
 
     def __init__(self, directory: Path) -> None:
-        from torch.utils.tensorboard import SummaryWriter
+        from tensorboard.compat.proto.event_pb2 import Event
+        from tensorboard.compat.proto.summary_pb2 import Summary
+        from tensorboard.summary.writer.record_writer import RecordWriter
 
-        self._writer = SummaryWriter(str(directory), flush_secs=10)
+        self._event, self._summary = Event, Summary
+        name = f"events.out.tfevents.{int(time.time())}.{platform.node()}.{os.getpid()}"
+        self._records = RecordWriter((directory / name).open("wb"))
+        self._write(file_version="brain.Event:2")
 
     def log(self, episode: int, figures: Figures) -> None:
-        """Write one event per figure."""
-        for name, value in figures.items():
-            self._writer.add_scalar(name, value, episode)
+        """Write the figures under the episode's number."""
+        values = [
+            self._summary.Value(tag=name, simple_value=value) for name, value in figures.items()
+        ]
+        self._write(step=episode, summary=self._summary(value=values))
 
     def close(self, status: str) -> None:
-        """Flush."""
-        self._writer.close()
+        """Close the file."""
+        self._records.close()
+
+    def _write(self, **content: Any) -> None:
+        event = self._event(wall_time=time.time(), **content)
+        self._records.write(event.SerializeToString())
+        self._records.flush()
 
 
 class MlflowTracker:
@@ -86,29 +106,40 @@ TRACKERS = ("tensorboard", "mlflow", "trackio")
 """Names for ``--track``; TensorBoard's files are always written."""
 
 
-def open_tracker(name: str, directory: Path, config: RunConfig) -> "SafeTracker":
-    """The tracker of that name for a run.
+def check_tracker(name: str) -> None:
+    """Whether a tracker can be opened, before anything is made for it.
 
     Raises:
         InputError: unknown, or its package is not installed.
     """
+    if name not in TRACKERS:
+        raise InputError(f"unknown tracker '{name}': known are {', '.join(TRACKERS)}")
+    try:
+        importlib.import_module(name)
+    except ImportError as error:
+        raise InputError(
+            f"--track {name} needs a package that is not installed: "
+            f"pip install 'orchid-uav[{name}]'"
+        ) from error
+
+
+def open_tracker(name: str, directory: Path, config: RunConfig) -> "SafeTracker":
+    """The tracker of that name, which passed :func:`check_tracker`; switched off if it fails."""
     makers: dict[str, Any] = {
         "tensorboard": lambda: TensorBoardTracker(directory),
         "mlflow": lambda: MlflowTracker(directory.name, config),
         "trackio": lambda: TrackioTracker(directory.name, config),
     }
-    if name not in makers:
-        raise InputError(f"unknown tracker '{name}': known are {', '.join(TRACKERS)}")
     try:
         return SafeTracker(name, makers[name]())
-    except ImportError as error:
-        raise InputError(
-            f"--track {name} needs a package that is not installed: "
-            f"pip install 'orchid-uav[{name}]' ({error})"
-        ) from error
     except Exception as error:
-        warnings.warn(f"{name} is off for this run: {error}", stacklevel=2)
+        _warn(f"{name} is off for this run: {error}")
         return SafeTracker(name, None)
+
+
+def _warn(message: str) -> None:
+    # Not warnings.warn, which a filter can turn into an exception.
+    print(f"warning: {message}", file=sys.stderr)
 
 
 class SafeTracker:
@@ -133,4 +164,4 @@ class SafeTracker:
             action(self._tracker)
         except Exception as error:
             self._tracker = None
-            warnings.warn(f"{self._name} is off for the rest of the run: {error}", stacklevel=3)
+            _warn(f"{self._name} is off for the rest of the run: {error}")

@@ -27,6 +27,8 @@ from orchid_uav.experiments.interruption import Interruption, interruption_reque
 from orchid_uav.experiments.run_directory import Row, RunDirectory, Status, final_figures
 from orchid_uav.experiments.trackers import SafeTracker
 
+_LONGEST_REASON = 300
+
 
 class Reporter(Protocol):
     """Shows a run while it goes on."""
@@ -136,11 +138,11 @@ def train(
             run.write_policy(_describe_policy(config, outcome, model))
             is_complete = len(outcome.rows) == config.training.episodes
             outcome.finish("completed" if is_complete else "interrupted")
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, SystemExit):
         outcome.finish("interrupted")
         raise
     except Exception as error:
-        reason = f"{type(error).__name__}: {error}"
+        reason = _in_one_line(error)
         # A full disk may be the very failure, and then this cannot be recorded either.
         with contextlib.suppress(OSError):
             outcome.finish("failed", reason)
@@ -151,6 +153,11 @@ def train(
         for tracker in trackers:
             tracker.close(outcome.status)
     return outcome
+
+
+def _in_one_line(error: Exception) -> str:
+    text = " ".join(f"{type(error).__name__}: {error}".split())
+    return text if len(text) <= _LONGEST_REASON else text[:_LONGEST_REASON] + " ..."
 
 
 def _learn(
@@ -168,10 +175,10 @@ def _learn(
     reset_and_finetune = build_reset_and_finetune(config)
 
     def take(rows: Sequence[Row]) -> None:
+        outcome.run.append_episodes(rows)
         outcome.rows += rows
         if reset_and_finetune is not None:
             outcome.reset_episodes = reset_and_finetune.reset_episodes
-        outcome.run.append_episodes(rows)
         for row in rows:
             figures = _figures(row, model.logger.name_to_value)
             for tracker in trackers:

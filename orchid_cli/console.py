@@ -49,15 +49,22 @@ def print_error(message: str) -> None:
 
 
 def print_table(out: Console, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """A table on a terminal, tab-separated lines elsewhere."""
+    """A table on a terminal, where long cells are folded, and tab-separated lines elsewhere."""
     if not out.is_terminal:
         for row in (columns, *rows):
             print("\t".join(row), file=out.file)
         return
-    table = Table(*columns, box=None, pad_edge=False, header_style="bold")
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for index, column in enumerate(columns):
+        table.add_column(column, overflow="fold", no_wrap=index == 0)
     for row in rows:
         table.add_row(*(_escaped(cell) for cell in row))
     out.print(table)
+
+
+def print_line(out: Console, text: str) -> None:
+    """A line that is neither broken nor read as markup, so that a path in it can be copied."""
+    out.print(text, soft_wrap=True, markup=False)
 
 
 @contextmanager

@@ -15,6 +15,7 @@ from rich.progress import (
 )
 from rich.table import Table
 
+from orchid_uav.cli.console import print_line
 from orchid_uav.experiments.configuration import RunConfig
 from orchid_uav.experiments.run_directory import Row, RunDirectory
 
@@ -102,7 +103,7 @@ class LineReporter:
         """Say where the run is."""
         self._figures = _RunningFigures(config)
         self._last_line_s = -_SECONDS_BETWEEN_LINES
-        self._out.print(f"run {run.id} in {run.path}")
+        print_line(self._out, f"run {run.id} in {run.path}")
 
     def show(self, rows: Sequence[Row], reset_episodes: Sequence[int]) -> None:
         """Print a line if one is due."""
@@ -110,13 +111,14 @@ class LineReporter:
         self._figures.add(rows, list(reset_episodes))
         for episode in reset_episodes[known_resets:]:
             actor, critic = rows[-1]["actor_lr"], rows[-1]["critic_lr"]
-            self._out.print(
-                f"episode {episode}: plateau, optimizer reset, learning rates {actor:g} {critic:g}"
+            print_line(
+                self._out,
+                f"episode {episode}: plateau, optimizer reset, learning rates {actor:g} {critic:g}",
             )
         is_last = len(self._figures.rows) == self._figures.config.training.episodes
         if is_last or self._figures.elapsed_s - self._last_line_s >= _SECONDS_BETWEEN_LINES:
             self._last_line_s = self._figures.elapsed_s
-            self._out.print(self._line())
+            print_line(self._out, self._line())
 
     def _line(self) -> str:
         figures = self._figures
@@ -152,7 +154,7 @@ class LiveReporter:
             expand=True,
         )
         self._task = self._progress.add_task("", total=config.training.episodes)
-        self._out.print(f"run [bold]{run.id}[/]")
+        print_line(self._out, f"run {run.id}")
         self._live = Live(self._progress, console=self._out, refresh_per_second=8)
         self._live.start()
 

@@ -1,5 +1,7 @@
 """The ``orchid`` command."""
 
+import contextlib
+import os
 import sys
 from typing import Annotated
 
@@ -7,7 +9,7 @@ import typer
 
 from orchid_uav import __version__
 from orchid_uav.cli import config
-from orchid_uav.cli.console import INTERRUPTED, WRONG_INPUT, print_error
+from orchid_uav.cli.console import FAILED, INTERRUPTED, WRONG_INPUT, print_error
 from orchid_uav.cli.train import train
 
 app = typer.Typer(
@@ -46,11 +48,38 @@ def _orchid(
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command and return its exit code."""
+    given = sys.argv[1:] if arguments is None else arguments
     try:
-        return app(args=arguments, prog_name="orchid", standalone_mode=False) or 0
+        code = app(args=given, prog_name="orchid", standalone_mode=False, obj=given) or 0
+        sys.stdout.flush()
     except _UsageError as error:
-        print_error(error.format_message())  # type: ignore[attr-defined]
+        print_error(_describe(error, given))
         return WRONG_INPUT
     except (KeyboardInterrupt, typer.Abort):
         print("interrupted", file=sys.stderr)
         return INTERRUPTED
+    except OSError as error:  # of the output: commands turn their own into other errors
+        print_error(f"cannot write the output: {error.strerror or error}")
+        _drop_output()
+        return FAILED
+    return int(code)
+
+
+def _describe(error: Exception, given: list[str]) -> str:
+    """What Typer says, with the value that it leaves out."""
+    message: str = error.format_message()  # type: ignore[attr-defined]
+    options = getattr(getattr(error, "param", None), "opts", [])
+    for index, argument in enumerate(given):
+        name, separator, value = argument.partition("=")
+        if name in options:
+            value = value if separator else "".join(given[index + 1 : index + 2])
+            if value and value not in message:
+                return f"{message} ({name} is {value!r})"
+    return message
+
+
+def _drop_output() -> None:
+    """Have what is left in stdout's buffer go nowhere, lest Python complain of it at exit."""
+    with contextlib.suppress(OSError, ValueError):
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, sys.stdout.fileno())

@@ -1,8 +1,6 @@
 """``orchid train``."""
 
 import json
-import shlex
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -35,6 +33,7 @@ from orchid_uav.cli.console import (
     QuietOption,
     console,
     failing_well,
+    print_line,
     print_table,
 )
 
@@ -97,17 +96,21 @@ def train(
                 f"episodes do not fit in {merged.training.episodes} episodes"
             )
         # torch and SB3 take seconds to import: not before the input is known to be right.
+        from orchid_uav.experiments import trackers
         from orchid_uav.experiments.run_directory import RunDirectory
-        from orchid_uav.experiments.trackers import TRACKERS, open_tracker
         from orchid_uav.experiments.training import train as run_training
 
-        for tracker in track or []:
-            if tracker not in TRACKERS:
-                open_tracker(tracker, runs_dir, merged)
-        run = RunDirectory.create(runs_dir, name, merged, ["orchid", *sys.argv[1:]])
-        wanted = dict.fromkeys(["tensorboard", *(track or [])])
-        trackers = [open_tracker(tracker, run.path, merged) for tracker in wanted]
-        outcome = run_training(merged, run, _reporter(out, quiet), trackers)
+        wanted = list(dict.fromkeys(["tensorboard", *(track or [])]))
+        for tracker in wanted:
+            trackers.check_tracker(tracker)
+        run = RunDirectory.create(runs_dir, name, merged, ["orchid", *context.obj])
+        try:
+            opened = [trackers.open_tracker(tracker, run.path, merged) for tracker in wanted]
+            outcome = run_training(merged, run, _reporter(out, quiet), opened)
+        except KeyboardInterrupt:
+            if run.record["status"] == "running":  # interrupted before training took over
+                run.finish("interrupted", [], [], 0.0)
+            raise
         if as_json:
             print(json.dumps(outcome.summary(), allow_nan=False))
         else:
@@ -121,7 +124,8 @@ def _reporter(out: Console, quiet: bool) -> "Reporter":
 
     if quiet:
         return SilentReporter()
-    return LiveReporter(out) if out.is_terminal else LineReporter(out)
+    has_cursor = out.is_terminal and not out.is_dumb_terminal
+    return LiveReporter(out) if has_cursor else LineReporter(out)
 
 
 def _print_outcome(out: Console, outcome: "TrainingOutcome") -> None:
@@ -136,7 +140,9 @@ def _print_outcome(out: Console, outcome: "TrainingOutcome") -> None:
             [[name, text] for name, text in figure_texts(final).items()],
         )
     resets = ", ".join(map(str, outcome.reset_episodes)) or "none"
-    out.print(
-        f"{outcome.status}: {rows} episodes in {outcome.seconds:.1f} s, resets at episode: {resets}"
+    print_line(
+        out,
+        f"{outcome.status}: {rows} episodes in {outcome.seconds:.1f} s, "
+        f"resets at episode: {resets}",
     )
-    out.print(f"run directory: {shlex.quote(str(outcome.run.path))}")
+    print_line(out, f"run directory: {outcome.run.path}")

@@ -17,10 +17,12 @@ import pytest
 
 from orchid_uav.agents import MAPPO, load_policy
 from orchid_uav.cli import display
+from orchid_uav.experiments import trackers
 from tests.running import (
     COLUMNS,
     ESCAPE,
     TINY_FLAGS,
+    Finished,
     assert_is_an_error,
     cells,
     columns,
@@ -358,12 +360,12 @@ class TestOnATerminal:
         assert train().code == 0
         assert f"run directory: {new_runs()[0]}" in screen.text
 
-    def test_a_narrow_one_does_not_cut_keys(self, orchid, terminal, monkeypatch):
+    def test_a_narrow_one_cuts_no_keys(self, orchid, terminal, monkeypatch):
         monkeypatch.setenv("COLUMNS", "50")
         screen = terminal()
         assert orchid("config", "show").code == 0
-        assert "reset.tolerance_jfi" in screen.text
-        assert "reset.tolerance_reward" in screen.text
+        assert "reset.kappa" in screen.text
+        assert "…" not in screen.text
 
     def test_json_stays_one_document(self, train, monkeypatch, capsys):
         screen = Terminal()
@@ -400,14 +402,12 @@ class TestFailure:
         finished = train("--quiet", "--set=ppo.actor_learning_rate=1e30")
         assert_is_an_error(finished, code=1)
 
-    def test_to_print_is_no_traceback(self, orchid, monkeypatch):
-        full = Path("/dev/full")
-        if not full.exists():
-            pytest.skip("no /dev/full")
-        with full.open("w", buffering=1) as stdout:
-            monkeypatch.setattr(sys, "stdout", stdout)
-            finished = orchid("config", "show")
-        assert_is_an_error(finished, "No space left on device", code=1)
+    @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
+    def test_to_print_is_no_traceback(self, start_orchid):
+        with Path("/dev/full").open("w") as stdout:
+            process = start_orchid("config", "show", "--json", stdout=stdout)
+        _, err = process.communicate(timeout=GIVE_UP_AFTER_S)
+        assert_is_an_error(Finished(process.returncode, "", err), "No space left", code=1)
 
     def test_of_a_full_disk_during_a_run_costs_no_row_that_was_written(
         self, start_orchid, runs_dir, new_runs
@@ -475,7 +475,18 @@ class TestInterruption:
         assert record_of(run)["status"] == "interrupted"
         assert len(cells(run)) == 2
 
-    @pytest.mark.parametrize("module", ["numpy", "typer", "torch"])
+    def test_before_training_begins_is_told_by_the_record(self, train, new_runs, monkeypatch):
+        open_tracker = trackers.open_tracker
+
+        def interrupted(*arguments):
+            signal.raise_signal(signal.SIGINT)
+            return open_tracker(*arguments)
+
+        monkeypatch.setattr(trackers, "open_tracker", interrupted)
+        assert train("--quiet").code == 130
+        assert [record_of(run)["status"] for run in new_runs()] in ([], ["interrupted"])
+
+    @pytest.mark.parametrize("module", ["typer", "torch"])
     def test_while_it_starts_is_no_traceback(self, tmp_path, plain_environment, module):
         # The installed script, whose imports take a second or two, with a ctrl-C in the middle.
         script = shutil.which("orchid", path=Path(sys.executable).parent)

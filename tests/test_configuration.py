@@ -347,7 +347,7 @@ class TestWrongValues:
         ("flag", "value", "right"),
         [
             ("--uavs", "six", "integer"),
-            ("--kappa", "half", "number"),
+            ("--kappa", "half", "--kappa"),
             ("--distribution", "tpc", "tcp"),
             ("--objective", "MMF", "mmf"),
         ],

@@ -1,7 +1,18 @@
-"""``python -m orchid_uav`` is the ``orchid`` command."""
+"""The ``orchid`` command, also as ``python -m orchid_uav``."""
 
 import sys
 
-from orchid_uav.cli.main import main
 
-sys.exit(main())
+def main() -> int:
+    """Run the command; its imports take a while, in which ctrl-C shall be no traceback either."""
+    try:
+        from orchid_uav.cli.main import main as command
+
+        return command()
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return 130
+
+
+if __name__ == "__main__":
+    sys.exit(main())

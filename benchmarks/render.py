@@ -1,0 +1,149 @@
+"""docs/performance.md from the committed results: ``python -m benchmarks.render``."""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).parent.parent
+PAGE = ROOT / "docs" / "performance.md"
+RESULTS = ROOT / "benchmarks" / "results"
+
+INTRODUCTION = """\
+# Performance
+
+`make bench` measures this anew. All figures here come from the JSON files under
+[benchmarks/results](../benchmarks/results), which hold every repetition, through
+`python -m benchmarks.render`. Everything runs on one core. Absolute figures belong to the machine
+named. Ratios were taken side by side within one run, but they too depend on the processor: NumPy
+computes exponentials and logarithms with vector instructions, compiled code one by one.
+"""
+
+SIMULATOR_TEXT = """\
+## The simulator
+
+{uavs} UAVs, {users} users, {slots} slots per episode, random actions, observations and state
+included; {worlds} worlds unless one is named, resets left out unless named, moving users at up to
+{moving_users_mps:g} m/s with a new heading every slot. A world-step is one slot of one world.
+Medians of {repetitions} repetitions, in which all cases took turns.
+
+`numpy` is [the same step on whole arrays](../benchmarks/numpy_world.py), which a
+[test](../tests/test_numpy_world.py) holds to the compiled one in every array. `few links` has the
+compiled step's rule that spares most link evaluations (a UAV that is farther, weighted by power,
+and seen lower cannot be received better); `all links` goes without it. The NumPy version is given
+a C library that keeps freed memory, without which it is slower. `SB3 face` is
+`make_vec_env(…).step`, as the learner calls it. `mobile-env` is PyPI's mobile-env {mobile_env} with
+{mobile_env_stations} stations and {users} walking users: no flight, no propulsion, no fairness, no
+batch.
+"""
+
+RATIO_TEXT = """\
+Ratios, each the median of the ratios within a round:
+"""
+
+LOOP_TEXT = """\
+## The learning loop
+
+`learning loop` is what `orchid train` does between its first and its last episode: the paper's
+configuration with {episodes} episodes, `episodes.csv`, TensorBoard's events and the live display.
+`bare updates` are as many gradient steps ({steps} per episode on {sizes} samples) with the same
+networks, loss, clipping and optimizer on minibatches that lie ready: no simulator, no rollout, no
+shuffling, no figures. One torch thread, one process, medians of {repetitions} repetitions in turns.
+"""
+
+SPENT_TEXT = """\
+What an episode of the loop is spent on:
+"""
+
+DENORMAL_TEXT = """\
+Adam's averages of vanishing gradients decay into denormal numbers, which some processors compute
+with many times more slowly; `orchid train` has them flushed to 0. Time of the updates per episode
+over the last {denormal_last_episodes} of {denormal_episodes} episodes:
+"""
+
+MEMORY_TEXT = """\
+## Memory
+
+Greatest resident memory of the default `orchid train`, in a process of its own with
+{memory_episodes} episodes (it does not grow with their number). The first run after an installation
+compiles the simulator:
+"""
+
+
+def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    lines = [header, ["---", *["---:"] * (len(header) - 1)], *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
+
+
+def _read(name: str) -> dict[str, Any]:
+    return json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8"))
+
+
+def _conditions(result: Mapping[str, Any]) -> str:
+    host, versions = result["host"], result["versions"]
+    names = ("python", "numpy", "numba", "torch", "stable_baselines3")
+    used = ", ".join(f"{name.replace('_', '-')} {versions[name]}" for name in names)
+    return (
+        f"`{result['command']}`, {result['date']}, {host['processor']}, {host['cores']} cores, "
+        f"{host['system']}; {used}.\n"
+    )
+
+
+def _spread(case: Mapping[str, Any], scale: float, digits: int) -> list[str]:
+    values = [case["median"], min(case["repetitions"]), max(case["repetitions"])]
+    median, low, high = (f"{value * scale:,.{digits}f}" for value in values)
+    return [median, f"{low} … {high}"]
+
+
+def _simulator(result: Mapping[str, Any]) -> list[str]:
+    speeds = [[name, *_spread(case, 1.0, 0)] for name, case in result["world_steps_per_s"].items()]
+    ratios = [[name, f"{value:,.1f}"] for name, value in result["ratios"].items()]
+    return [
+        SIMULATOR_TEXT.format(**result["settings"]),
+        _table(["case", "world-steps/s", "least … greatest"], speeds),
+        RATIO_TEXT,
+        _table(["ratio", "times"], ratios),
+        _conditions(result),
+    ]
+
+
+def _training(result: Mapping[str, Any]) -> list[str]:
+    settings, ratios = result["settings"], result["ratios"]
+    sizes = settings["samples_per_gradient_step"]
+    size_text = " or ".join(str(size) for size in sorted(set(sizes), reverse=True))
+    loop = [[name, *_spread(case, 1.0, 2)] for name, case in result["seconds"].items()]
+    ratio = f"**{ratios['learning loop / bare updates']:.2f}**"
+    loop.append(["learning loop / bare updates", ratio, ""])
+    spent_s = result["spent_s_per_episode"]
+    total_s = sum(spent_s.values())
+    spent = [
+        [name, f"{seconds * 1e3:.2f}", f"{seconds / total_s:.1%}"]
+        for name, seconds in spent_s.items()
+    ]
+    denormal = [
+        [name, *_spread(case, 1e3, 1)]
+        for name, case in result["update_phase_s_per_episode"].items()
+    ]
+    denormal.append(["kept / flushed", f"{ratios['updates, denormals kept / flushed']:.2f}", ""])
+    memory = [[name, f"{value:,}"] for name, value in result["peak_memory_mib"].items()]
+    return [
+        LOOP_TEXT.format(steps=len(sizes), sizes=size_text, **settings),
+        _table(["", "seconds", "least … greatest"], loop),
+        SPENT_TEXT,
+        _table(["part", "ms", "share"], spent),
+        DENORMAL_TEXT.format(**settings),
+        _table(["", "ms per episode", "least … greatest"], denormal),
+        MEMORY_TEXT.format(**settings),
+        _table(["simulator", "MiB"], memory),
+        _conditions(result),
+    ]
+
+
+def render() -> str:
+    """The whole page."""
+    parts = [INTRODUCTION, *_simulator(_read("simulator")), *_training(_read("training"))]
+    return "\n".join(parts)
+
+
+if __name__ == "__main__":
+    PAGE.write_text(render(), encoding="utf-8")
