@@ -3,7 +3,7 @@
 import sys
 import traceback
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext, redirect_stdout
 from typing import Annotated
 
 import typer
@@ -65,6 +65,13 @@ def print_table(out: Console, columns: Sequence[str], rows: Sequence[Sequence[st
 def print_line(out: Console, text: str) -> None:
     """A line that is neither broken nor read as markup, so that a path in it can be copied."""
     out.print(text, soft_wrap=True, markup=False)
+
+
+@contextmanager
+def stdout_for_json_alone(as_json: bool) -> Iterator[None]:
+    """With ``--json``, send to stderr what anything else prints, trackers for example."""
+    with redirect_stdout(sys.stderr) if as_json else nullcontext():
+        yield
 
 
 @contextmanager

@@ -35,6 +35,7 @@ from orchid_uav.cli.console import (
     failing_well,
     print_line,
     print_table,
+    stdout_for_json_alone,
 )
 
 if TYPE_CHECKING:
@@ -105,8 +106,9 @@ def train(
             trackers.check_tracker(tracker)
         run = RunDirectory.create(runs_dir, name, merged, ["orchid", *context.obj])
         try:
-            opened = [trackers.open_tracker(tracker, run.path, merged) for tracker in wanted]
-            outcome = run_training(merged, run, _reporter(out, quiet), opened)
+            with stdout_for_json_alone(as_json):
+                opened = [trackers.open_tracker(tracker, run.path, merged) for tracker in wanted]
+                outcome = run_training(merged, run, _reporter(out, quiet), opened)
         except KeyboardInterrupt:
             if run.record["status"] == "running":  # interrupted before training took over
                 run.finish("interrupted", [], [], 0.0)
