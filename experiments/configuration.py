@@ -176,7 +176,7 @@ def preset_layer(name: str) -> Layer:
 def file_layer(path: Path) -> Layer:
     """A TOML or JSON file with sections."""
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"cannot read configuration {path}: {error}") from error
     try:

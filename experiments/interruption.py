@@ -1,5 +1,6 @@
 """Ctrl-C and SIGTERM as a request, so that what is done is kept."""
 
+import os
 import signal
 import threading
 from collections.abc import Iterator
@@ -26,6 +27,8 @@ def interruption_requests() -> Iterator[Interruption]:
         if interruption.requested:
             raise KeyboardInterrupt
         interruption.requested = True
+        # Not print: the signal may have come in the middle of one.
+        os.write(2, b"stopping after the update that may be due; once more stops at once\n")
 
     if threading.current_thread() is not threading.main_thread():
         yield interruption

@@ -8,7 +8,16 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-_PACKAGES = ("orchid-uav", "torch", "stable-baselines3", "gymnasium", "numpy", "numba")
+_PACKAGES = (
+    "orchid-uav",
+    "torch",
+    "stable-baselines3",
+    "gymnasium",
+    "numpy",
+    "numba",
+    "scipy",
+    "scikit-learn",
+)
 
 
 def describe_versions() -> dict[str, Any]:
@@ -45,7 +54,7 @@ def git_commit() -> str | None:
     if not top or not (Path(top) / "envs" / "dynamics.py").is_file():
         return None
     commit = _git(source, "rev-parse", "HEAD")
-    if commit and _git(source, "status", "--porcelain", "--untracked-files=no"):
+    if commit and _git(source, "status", "--porcelain"):
         commit += "+changes"
     return commit or None
 
@@ -53,7 +62,7 @@ def git_commit() -> str | None:
 def _git(directory: Path, *arguments: str) -> str:
     try:
         finished = subprocess.run(
-            ["git", "-C", str(directory), *arguments],
+            ["git", "--no-optional-locks", "-C", str(directory), *arguments],
             capture_output=True,
             text=True,
             timeout=10,

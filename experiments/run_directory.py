@@ -11,6 +11,7 @@ import string
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
+from statistics import fmean
 from typing import Any, Literal
 
 from orchid_uav.envs.metrics import EPISODE_METRICS
@@ -101,9 +102,11 @@ class RunDirectory:
             write_json(path / "config.json", config.model_dump(mode="json"))
             run.append_episodes([])
             run._save()
-        except OSError as error:
+        except BaseException as error:
             shutil.rmtree(path, ignore_errors=True)
-            raise InputError(f"cannot write to {path}: {error.strerror or error}") from error
+            if isinstance(error, OSError):
+                raise InputError(f"cannot write to {path}: {error.strerror or error}") from error
+            raise
         return run
 
     @property
@@ -168,12 +171,13 @@ def final_figures(rows: Sequence[Row]) -> dict[str, float | None]:
     last = rows[-_FINAL_EPISODES:]
     if not last:
         return {}
-    means = {
-        column: sum(row[column] for row in last) / len(last)
-        for column in EPISODE_COLUMNS
-        if column != "episode"
+    values = {
+        column: [row[column] for row in last] for column in EPISODE_COLUMNS if column != "episode"
     }
-    return {column: mean if math.isfinite(mean) else None for column, mean in means.items()}
+    return {
+        column: fmean(found) if all(map(math.isfinite, found)) else None
+        for column, found in values.items()
+    }
 
 
 def read_episodes(path: Path) -> list[Row]:

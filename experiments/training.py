@@ -1,8 +1,9 @@
 """One training run, from its configuration to a complete run directory."""
 
-import contextlib
+import re
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -28,6 +29,7 @@ from orchid_uav.experiments.run_directory import Row, RunDirectory, Status, fina
 from orchid_uav.experiments.trackers import SafeTracker
 
 _LONGEST_REASON = 300
+_ESCAPE_CODE = re.compile(r"\x1b\[[0-9;]*m")  # numba colours its messages
 
 
 class Reporter(Protocol):
@@ -123,9 +125,20 @@ def _compile(env: FleetVecEnv) -> None:
 
 
 def train(
-    config: RunConfig, run: RunDirectory, reporter: Reporter, trackers: Sequence[SafeTracker] = ()
+    config: RunConfig,
+    run: RunDirectory,
+    reporter: Reporter,
+    trackers: Sequence[SafeTracker] = (),
+    interruption: Interruption | None = None,
 ) -> TrainingOutcome:
     """Train to the end, or until ctrl-C or SIGTERM, and leave a complete run directory.
+
+    Args:
+        config: what to train.
+        run: the run's directory, newly made.
+        reporter: shows the run.
+        trackers: exporters of its figures.
+        interruption: of a caller who notes signals already; by default they are noted here.
 
     Raises:
         RunFailedError: training could not go on; the run's status is "failed".
@@ -133,18 +146,21 @@ def train(
     """
     outcome = TrainingOutcome(run)
     try:
-        with interruption_requests() as interruption:
-            model = _learn(config, outcome, reporter, trackers, interruption)
+        with (
+            interruption_requests() if interruption is None else nullcontext(interruption) as noted
+        ):
+            model = _learn(config, outcome, reporter, trackers, noted)
             run.write_policy(_describe_policy(config, outcome, model))
             is_complete = len(outcome.rows) == config.training.episodes
             outcome.finish("completed" if is_complete else "interrupted")
     except (KeyboardInterrupt, SystemExit):
-        outcome.finish("interrupted")
+        with suppress(OSError):
+            outcome.finish("interrupted")
         raise
     except Exception as error:
         reason = _in_one_line(error)
         # A full disk may be the very failure, and then this cannot be recorded either.
-        with contextlib.suppress(OSError):
+        with suppress(OSError):
             outcome.finish("failed", reason)
         raise RunFailedError(
             f"run {run.id} failed after {len(outcome.rows)} episodes: {reason}"
@@ -156,7 +172,8 @@ def train(
 
 
 def _in_one_line(error: Exception) -> str:
-    text = " ".join(f"{type(error).__name__}: {error}".split())
+    plain = _ESCAPE_CODE.sub("", f"{type(error).__name__}: {error}")
+    text = " ".join(plain.split())
     return text if len(text) <= _LONGEST_REASON else text[:_LONGEST_REASON] + " ..."
 
 

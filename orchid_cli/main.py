@@ -1,6 +1,7 @@
 """The ``orchid`` command."""
 
 import contextlib
+import io
 import os
 import sys
 from typing import Annotated
@@ -49,6 +50,9 @@ def _orchid(
 def main(arguments: list[str] | None = None) -> int:
     """Run the command and return its exit code."""
     given = sys.argv[1:] if arguments is None else arguments
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # "³" where only ASCII is known
     try:
         code = app(args=given, prog_name="orchid", standalone_mode=False, obj=given) or 0
         sys.stdout.flush()

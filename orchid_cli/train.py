@@ -93,26 +93,23 @@ def train(
         out = console(stderr=as_json)
         if merged.reset.enabled and 2 * merged.reset.window >= merged.training.episodes:
             console(stderr=True).print(
-                f"note: Reset-and-Finetune cannot act, as two windows of {merged.reset.window} "
-                f"episodes do not fit in {merged.training.episodes} episodes"
+                f"note: Reset-and-Finetune cannot help here: it waits for two windows of "
+                f"{merged.reset.window} episodes, and there are {merged.training.episodes}"
             )
         # torch and SB3 take seconds to import: not before the input is known to be right.
         from orchid_uav.experiments import trackers
+        from orchid_uav.experiments.interruption import interruption_requests
         from orchid_uav.experiments.run_directory import RunDirectory
         from orchid_uav.experiments.training import train as run_training
 
         wanted = list(dict.fromkeys(["tensorboard", *(track or [])]))
         for tracker in wanted:
             trackers.check_tracker(tracker)
-        run = RunDirectory.create(runs_dir, name, merged, ["orchid", *context.obj])
-        try:
-            with stdout_for_json_alone(as_json):
-                opened = [trackers.open_tracker(tracker, run.path, merged) for tracker in wanted]
-                outcome = run_training(merged, run, _reporter(out, quiet), opened)
-        except KeyboardInterrupt:
-            if run.record["status"] == "running":  # interrupted before training took over
-                run.finish("interrupted", [], [], 0.0)
-            raise
+        with interruption_requests() as interruption, stdout_for_json_alone(as_json):
+            command = ["orchid", *context.obj]
+            run = RunDirectory.create(runs_dir.expanduser(), name, merged, command)
+            opened = [trackers.open_tracker(tracker, run.path, merged) for tracker in wanted]
+            outcome = run_training(merged, run, _reporter(out, quiet), opened, interruption)
         if as_json:
             print(json.dumps(outcome.summary(), allow_nan=False))
         else:

@@ -265,6 +265,16 @@ class TestTrain:
         assert str(run) in finished.out.splitlines()[0]
         assert str(run) in finished.out.splitlines()[-1]
 
+    def test_a_place_that_knows_only_ascii_gets_the_configuration_too(
+        self, start_orchid, monkeypatch
+    ):
+        # Of the units, m² and kg/m³ are not in ASCII, and ³ is not in Japanese Windows' code page.
+        monkeypatch.setenv("PYTHONIOENCODING", "ascii")
+        process = start_orchid("config", "show")
+        out, err = process.communicate(timeout=GIVE_UP_AFTER_S)
+        assert (process.returncode, err) == (0, "")
+        assert "rotor.disc_area_m2\t0.503\t" in out
+
     def test_quietly_shows_no_progress(self, train, new_runs):
         finished = train("--quiet")
         assert finished.err == ""
@@ -316,6 +326,18 @@ class TestJson:
         assert finished.err == ""
         assert finished.out.count("\n") == 1
         assert json.loads(finished.out)["episodes"] == 3
+
+    def test_is_one_document_whatever_a_tracker_prints(self, train, monkeypatch):
+        log = trackers.TensorBoardTracker.log
+
+        def chatter(tracker, episode, figures):
+            print(f"View episode {episode} at http://localhost")
+            log(tracker, episode, figures)
+
+        monkeypatch.setattr(trackers.TensorBoardTracker, "log", chatter)
+        finished = train("--json", "--quiet")
+        assert json.loads(finished.out)["episodes"] == 3
+        assert "View episode 3" in finished.err
 
     def test_of_an_interrupted_run_is_whole_too(self, train, monkeypatch):
         interrupt_with(monkeypatch, signal.SIGINT)
@@ -397,6 +419,19 @@ class TestFailure:
         assert finished.code == 1
         assert "Traceback" in finished.err
         assert "ArithmeticError: the loss is not a number" in finished.err
+
+    def test_whose_reason_is_coloured_is_told_without_escape_codes(
+        self, train, new_runs, monkeypatch
+    ):
+        # numba colours its messages.
+        def fail(model):
+            raise TypeError("\x1b[1mno pyobject\x1b[0m")
+
+        monkeypatch.setattr(MAPPO, "train", fail)
+        finished = train("--quiet")
+        assert_is_an_error(finished, "no pyobject", code=1)
+        assert ESCAPE not in finished.err
+        assert record_of(new_runs()[0])["error"] == "TypeError: no pyobject"
 
     def test_of_a_policy_that_diverges_is_two_lines_at_most(self, train):
         finished = train("--quiet", "--set=ppo.actor_learning_rate=1e30")
@@ -484,6 +519,32 @@ class TestInterruption:
 
         monkeypatch.setattr(trackers, "open_tracker", interrupted)
         assert train("--quiet").code == 130
+        assert [record_of(run)["status"] for run in new_runs()] in ([], ["interrupted"])
+
+    def test_by_a_scheduler_before_training_begins_is_told_by_the_record(
+        self, plain_environment, runs_dir, new_runs
+    ):
+        # SIGTERM, of which the process would otherwise die on the spot: hence one of its own.
+        code = f"""
+import signal, sys
+from orchid_uav.cli.main import main
+from orchid_uav.experiments import trackers
+open_tracker = trackers.open_tracker
+def interrupted(*arguments):
+    signal.raise_signal(signal.SIGTERM)
+    return open_tracker(*arguments)
+trackers.open_tracker = interrupted
+sys.exit(main({[*TINY_TRAIN, "--quiet", "--runs-dir", str(runs_dir)]!r}))
+"""
+        finished = subprocess.run(
+            [sys.executable, "-c", code],
+            capture_output=True,
+            text=True,
+            timeout=GIVE_UP_AFTER_S,
+            check=False,
+        )
+        assert finished.returncode == 130
+        assert "Traceback" not in finished.stderr
         assert [record_of(run)["status"] for run in new_runs()] in ([], ["interrupted"])
 
     @pytest.mark.parametrize("module", ["typer", "torch"])

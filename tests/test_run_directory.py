@@ -232,6 +232,15 @@ class TestWhereNothingCanBeWritten:
             create(runs_dir)
         assert new_runs() == []
 
+    def test_ctrl_c_leaves_no_half_made_run(self, runs_dir, new_runs, monkeypatch):
+        def write(path, document):
+            raise KeyboardInterrupt
+
+        monkeypatch.setattr(run_directory, "write_json", write)
+        with pytest.raises(KeyboardInterrupt):
+            create(runs_dir)
+        assert new_runs() == []
+
 
 class TestEpisodes:
     def test_rows_are_appended_under_one_header(self, runs_dir):
