@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from orchid_uav.envs.channel import air_to_ground_path_loss_db
+from orchid_uav.envs.channel import air_to_ground_path_loss_db, best_case_gain_m2
 from orchid_uav.envs.metrics import SLOT_METRICS
 from orchid_uav.envs.parameters import Parameters
 from orchid_uav.envs.propulsion import propulsion_power_w
@@ -55,6 +55,7 @@ class Constants(NamedTuple):
     """Arguments of ``air_to_ground_path_loss_db`` after distance and altitude, in its order."""
     carrier_frequency_hz: float
     access_gain_db: float
+    best_case_gain_m2: float
     access_noise_power_w: float
     required_snr: float
     bandwidth_hz: float
@@ -101,6 +102,9 @@ class Constants(NamedTuple):
             link=_in_order_of(air_to_ground_path_loss_db, channel.air_to_ground()),
             carrier_frequency_hz=channel.carrier_frequency_hz,
             access_gain_db=channel.access_gain_db,
+            best_case_gain_m2=best_case_gain_m2(
+                channel.access_gain_db, channel.carrier_frequency_hz, channel.excess_loss_los_db
+            ),
             access_noise_power_w=parameters.access_noise_power_w,
             required_snr=parameters.required_snr,
             bandwidth_hz=parameters.bandwidth_hz,

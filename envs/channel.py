@@ -3,9 +3,8 @@
 Every function takes scalars or arrays that broadcast against each other, in Python as well as in
 the compiled step of :mod:`orchid_uav.envs.dynamics`, which calls these same functions.
 
-To try another channel, change :func:`air_to_ground_path_loss_db` here. If the new loss can fall
-while the ground distance grows, or grow while the elevation angle grows, set
-:data:`LOSS_IS_MONOTONE` to False: association then looks at every link.
+To try another channel, change :func:`air_to_ground_path_loss_db` here. If the new loss is not as
+:data:`LOSS_ALLOWS_PRUNING` says, set that to False: association then looks at every link.
 """
 
 import numpy as np
@@ -22,11 +21,11 @@ _S_CURVE_B = _TABLE_I.s_curve_b
 _LOSS_LOS_DB = _TABLE_I.excess_loss_los_db
 _LOSS_NLOS_DB = _TABLE_I.excess_loss_nlos_db
 
-LOSS_IS_MONOTONE = True
-"""The air-to-ground loss grows with the 3-D distance and falls with the elevation angle.
+LOSS_ALLOWS_PRUNING = True
+"""The loss grows with distance, falls with elevation, and is at least that of a line of sight.
 
-True of the Al-Hourani model for b > 0 and eta_NLoS >= eta_LoS (both validated). It lets association
-skip a UAV that is farther (weighted by power), and seen lower, than one already looked at.
+That is, free-space loss plus eta_LoS. True of the Al-Hourani model for b > 0 and eta_NLoS >=
+eta_LoS (both validated). It lets association leave out UAVs that cannot be the strongest.
 """
 
 
@@ -92,6 +91,14 @@ def received_power_w(
 ) -> Numeric:
     """P G_tx G_rx 10^(-L/10); ``antenna_gain_db`` is the sum of both gains."""
     return transmit_power_w * decibel_to_linear(antenna_gain_db - path_loss_db)
+
+
+def best_case_gain_m2(
+    antenna_gain_db: float, carrier_frequency_hz: float, excess_loss_los_db: float
+) -> float:
+    """Received over transmitted power of a certain line of sight, times the distance squared."""
+    path_loss_db = free_space_path_loss_db(1.0, carrier_frequency_hz) + excess_loss_los_db
+    return float(received_power_w(1.0, antenna_gain_db, path_loss_db))
 
 
 @register_jitable

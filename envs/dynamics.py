@@ -13,13 +13,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from orchid_uav.envs.arrays import HISTOGRAM_CELLS, Constants, Floats, Worlds
-from orchid_uav.envs.channel import (
-    LOSS_IS_MONOTONE,
-    air_to_ground_path_loss_db,
-    backhaul_snr,
-    received_power_w,
-    spectral_efficiency,
-)
+from orchid_uav.envs.association import find_strongest, measure_distances
+from orchid_uav.envs.channel import backhaul_snr, spectral_efficiency
 from orchid_uav.envs.fairness import jain_index_from_sums
 from orchid_uav.envs.kinematics import clipped, displacement_factor, is_outside, relative
 from orchid_uav.envs.metrics import (
@@ -49,6 +44,9 @@ from orchid_uav.envs.sharing import bandwidth_share
 from orchid_uav.envs.units import linear_to_decibel
 from orchid_uav.envs.users import counter_uniform, reflect_into, reflection_sign
 
+Scratch = tuple[Floats, Floats, Floats]
+"""Squared distances (N, M), strongest UAV (M,) and its power (M,) of the world at hand."""
+
 
 def _digest_of_sources() -> str:
     digest = hashlib.sha256()
@@ -63,7 +61,7 @@ types of the arguments, which include defaults, and under the file of the functi
 this, an equation changed in another file would go on unchanged in the cache."""
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def step_worlds(
     constants: Constants,
     worlds: Worlds,
@@ -80,20 +78,20 @@ def step_worlds(
         progress: training progress tau in [0, 1], which sets the weights.
         sources: not used; see ``_SOURCES``.
     """
-    ground_squared_m2 = _scratch(worlds)
+    scratch = _make_scratch(worlds)
     for world in range(len(worlds.slot)):
         _move_uavs(constants, worlds, world, actions[world])
         if constants.user_speed_mps > 0.0:
             _move_users(constants, worlds, world)
             _count_users(constants, worlds, world)
         worlds.slot[world] += 1
-        _serve(constants, worlds, world, ground_squared_m2)
+        _serve(constants, worlds, world, scratch)
         _watch_constraints(constants, worlds, world)
         _score(constants, worlds, world, progress)
         _observe(constants, worlds, world)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def begin_episodes(
     constants: Constants, worlds: Worlds, chosen: NDArray[np.int64], sources: str = _SOURCES
 ) -> None:
@@ -105,14 +103,14 @@ def begin_episodes(
         chosen: indices of the worlds that begin, int64.
         sources: not used; see ``_SOURCES``.
     """
-    ground_squared_m2 = _scratch(worlds)
+    scratch = _make_scratch(worlds)
     for world in chosen:
         worlds.slot[world] = 0
         worlds.user_velocities_mps[world] = 0.0
         worlds.velocities_mps[world] = 0.0
         worlds.left_flight_box[world] = False
         _count_users(constants, worlds, world)
-        _serve(constants, worlds, world, ground_squared_m2)
+        _serve(constants, worlds, world, scratch)
         _watch_constraints(constants, worlds, world)
         worlds.violation_slots[world] = 0
         _score(constants, worlds, world, 0.0)
@@ -120,14 +118,14 @@ def begin_episodes(
         _observe(constants, worlds, world)
 
 
-@njit
-def _scratch(worlds: Worlds) -> Floats:
+@njit(error_model="numpy")
+def _make_scratch(worlds: Worlds) -> Scratch:
     users = worlds.users_m.shape[2]
     uavs = worlds.positions_m.shape[1]
-    return np.empty((uavs, users))
+    return np.empty((uavs, users)), np.empty(users), np.empty(users)
 
 
-@njit
+@njit(error_model="numpy")
 def _move_uavs(constants: Constants, worlds: Worlds, world: int, actions: Floats) -> None:
     """Kinematics and power control, Sections III-B and IV-C2; decisions M5, M25."""
     area_m, slot_s = constants.area_m, constants.slot_s
@@ -162,7 +160,7 @@ def _move_uavs(constants: Constants, worlds: Worlds, world: int, actions: Floats
         )
 
 
-@njit
+@njit(error_model="numpy")
 def _move_users(constants: Constants, worlds: Worlds, world: int) -> None:
     """Random walk with reflection; speed and heading are held for some slots (M16)."""
     users = worlds.users_m.shape[2]
@@ -184,7 +182,7 @@ def _move_users(constants: Constants, worlds: Worlds, world: int) -> None:
             velocities[axis, user] *= reflection_sign(wanted_m, constants.area_m)
 
 
-@njit
+@njit(error_model="numpy")
 def _count_users(constants: Constants, worlds: Worlds, world: int) -> None:
     """u_dist: the users' histogram, normalised to sum 1, into its place in the state (M19)."""
     uavs, users = worlds.positions_m.shape[1], worlds.users_m.shape[2]
@@ -199,110 +197,54 @@ def _count_users(constants: Constants, worlds: Worlds, world: int) -> None:
     histogram /= users
 
 
-@njit
-def _serve(constants: Constants, worlds: Worlds, world: int, ground_squared_m2: Floats) -> None:
-    """Association by strongest received power, loads, shares and rates (Section III-D; M11, M12).
-
-    ``ground_squared_m2`` (N, M) is scratch.
-    """
-    users = worlds.users_m.shape[2]
-    uavs = worlds.positions_m.shape[1]
-    loads = worlds.loads[world]
-    loads[:] = 0
-    cell_sum, cell_inverse_sum = np.zeros(uavs), np.zeros(uavs)
-    positions_m, powers_w = worlds.positions_m[world], worlds.transmit_powers_w[world]
-    _measure_distances(worlds, world, ground_squared_m2)
-    for user in range(users):
-        worlds.association[world, user] = -1
-        worlds.spectral_efficiency[world, user] = 0.0
-        worlds.rates_bps[world, user] = 0.0
+@njit(error_model="numpy")
+def _serve(constants: Constants, worlds: Worlds, world: int, scratch: Scratch) -> None:
+    """Association by strongest received power, loads, shares, rates (Section III-D; M11, M12)."""
+    distance_squared_m2, strongest, strongest_power_w = scratch
+    association, efficiencies = worlds.association[world], worlds.spectral_efficiency[world]
+    rates_bps, loads = worlds.rates_bps[world], worlds.loads[world]
+    cell_sum, cell_inverse_sum = np.zeros(len(loads)), np.zeros(len(loads))
+    association[:], efficiencies[:], rates_bps[:], loads[:] = -1, 0.0, 0.0, 0
+    measure_distances(
+        worlds.positions_m[world],
+        worlds.users_m[world],
+        distance_squared_m2,
+        worlds.nearest_user_m[world],
+    )
+    find_strongest(
+        worlds.positions_m[world],
+        worlds.transmit_powers_w[world],
+        worlds.target_users[world],
+        distance_squared_m2,
+        constants.link,
+        constants.access_gain_db,
+        constants.best_case_gain_m2,
+        strongest,
+        strongest_power_w,
+    )
+    for user in range(len(association)):
         if not worlds.target_users[world, user]:
             continue
-        uav, power_w = _strongest_uav(
-            positions_m,
-            powers_w,
-            ground_squared_m2[:, user],
-            constants.link,
-            constants.access_gain_db,
-        )
-        snr = power_w / constants.access_noise_power_w
+        uav = int(strongest[user])
+        snr = strongest_power_w[user] / constants.access_noise_power_w
         if snr >= constants.required_snr:
             efficiency = spectral_efficiency(snr)
-            worlds.association[world, user] = uav
-            worlds.spectral_efficiency[world, user] = efficiency
+            association[user] = uav
+            efficiencies[user] = efficiency
             loads[uav] += 1
             cell_sum[uav] += efficiency
             cell_inverse_sum[uav] += 1.0 / efficiency
-    for user in range(users):
-        uav = worlds.association[world, user]
+    for user in range(len(association)):
+        uav = association[user]
         if uav >= 0:
-            efficiency = worlds.spectral_efficiency[world, user]
+            efficiency = efficiencies[user]
             share = bandwidth_share(
                 constants.share_rule, efficiency, loads[uav], cell_sum[uav], cell_inverse_sum[uav]
             )
-            worlds.rates_bps[world, user] = share * constants.bandwidth_hz * efficiency
+            rates_bps[user] = share * constants.bandwidth_hz * efficiency
 
 
-@njit
-def _measure_distances(worlds: Worlds, world: int, ground_squared_m2: Floats) -> None:
-    """Squared horizontal distance of every UAV and user, and each UAV's nearest user."""
-    uavs, users = ground_squared_m2.shape
-    x_m, y_m = worlds.users_m[world, 0], worlds.users_m[world, 1]
-    for uav in range(uavs):
-        uav_x_m, uav_y_m = worlds.positions_m[world, uav, 0], worlds.positions_m[world, uav, 1]
-        row = ground_squared_m2[uav]
-        for user in range(users):
-            dx, dy = x_m[user] - uav_x_m, y_m[user] - uav_y_m
-            row[user] = dx * dx + dy * dy
-        nearest = np.inf
-        for user in range(users):
-            nearest = min(nearest, row[user])
-        worlds.nearest_user_m[world, uav] = np.sqrt(nearest)
-
-
-@njit
-def _strongest_uav(
-    positions_m: Floats,
-    powers_w: Floats,
-    ground_squared_m2: Floats,
-    link: tuple[float, ...],
-    antenna_gain_db: float,
-) -> tuple[int, float]:
-    """The UAV that a user receives best, the first of equals, and the received power in W.
-
-    With a monotone loss a UAV that is no nearer (distances weighted by power) and seen no higher
-    than another cannot be received better. Beginning with the nearest, that rules out most UAVs
-    before any logarithm or exponential is taken.
-
-    The arguments are few on purpose: each call passing all constants and arrays along costs more
-    than the equations. ``positions_m`` (N, 3), ``powers_w`` (N,), ``ground_squared_m2`` (N,).
-    """
-    nearest, nearness, elevation = 0, -1.0, 0.0
-    for uav in range(len(powers_w)):
-        altitude_squared = positions_m[uav, 2] * positions_m[uav, 2]
-        distance_squared = ground_squared_m2[uav] + altitude_squared
-        if powers_w[uav] / distance_squared > nearness:
-            nearest = uav
-            nearness = powers_w[uav] / distance_squared
-            elevation = altitude_squared / distance_squared
-    best, best_power_w = nearest, 0.0
-    for step in range(-1, len(powers_w)):
-        uav = nearest if step < 0 else step
-        if step >= 0:
-            altitude_squared = positions_m[uav, 2] * positions_m[uav, 2]
-            is_lower = altitude_squared / (ground_squared_m2[uav] + altitude_squared) <= elevation
-            if uav == nearest or (LOSS_IS_MONOTONE and is_lower):
-                continue
-        path_loss_db = air_to_ground_path_loss_db(
-            np.sqrt(ground_squared_m2[uav]), positions_m[uav, 2], *link
-        )
-        power_w = received_power_w(powers_w[uav], antenna_gain_db, path_loss_db)
-        if power_w > best_power_w or (power_w == best_power_w and uav < best):
-            best, best_power_w = uav, power_w
-    return best, best_power_w
-
-
-@njit
+@njit(error_model="numpy")
 def _watch_constraints(constants: Constants, worlds: Worlds, world: int) -> None:
     """Collisions, backhaul and the count of slots with a violation (M17)."""
     positions_m = worlds.positions_m[world]
@@ -338,7 +280,7 @@ def _watch_constraints(constants: Constants, worlds: Worlds, world: int) -> None
         violations[2] += worlds.weak_backhaul[world, uav]
 
 
-@njit
+@njit(error_model="numpy")
 def _score(constants: Constants, worlds: Worlds, world: int, progress: float) -> None:
     """Figures of the slot and every UAV's reward (Section IV-C3, V-B; decisions M7 to M14)."""
     uavs = worlds.positions_m.shape[1]
@@ -406,7 +348,7 @@ def _score(constants: Constants, worlds: Worlds, world: int, progress: float) ->
     sums[1:] += metrics
 
 
-@njit
+@njit(error_model="numpy")
 def _propulsion_power_w(constants: Constants, velocity: Floats) -> float:
     speed_mps = np.sqrt(
         velocity[0] * velocity[0] + velocity[1] * velocity[1] + velocity[2] * velocity[2]
@@ -415,7 +357,7 @@ def _propulsion_power_w(constants: Constants, velocity: Floats) -> float:
     return power_w + climb_power_w(velocity[2], constants.climbing_mass_kg)
 
 
-@njit
+@njit(error_model="numpy")
 def _observe(constants: Constants, worlds: Worlds, world: int) -> None:
     """Every UAV's observation, and the state but for u_dist (M18, M19)."""
     area_m = constants.area_m

@@ -80,9 +80,9 @@ MUTANTS = [
     ),
     Mutant(
         "association with the nearest UAV, whatever its altitude and power",
-        "envs/dynamics.py",
-        "(LOSS_IS_MONOTONE and is_lower)",
-        "(LOSS_IS_MONOTONE and (is_lower or True))",
+        "envs/association.py",
+        "(is_higher & can_reach) |",
+        "(is_higher & can_reach & False) |",
         "test_world.py",
     ),
     Mutant(

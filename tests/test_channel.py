@@ -102,7 +102,15 @@ def test_loss_falls_with_elevation_at_equal_distance(distance_m, first_sine, sec
 
     low, high = sorted((first_sine, second_sine))
     assert loss_db(high) <= loss_db(low) + 1e-9
-    assert channel.LOSS_IS_MONOTONE  # what the compiled association relies on
+
+
+@given(distances, altitudes)
+def test_loss_is_never_below_that_of_a_line_of_sight(ground_m, altitude_m):
+    best_case = channel.best_case_gain_m2(0.0, 2.4e9, 1.0) / (ground_m**2 + altitude_m**2)
+    loss_db = channel.air_to_ground_path_loss_db(ground_m, altitude_m)
+    assert channel.received_power_w(1.0, 0.0, loss_db) <= best_case * (1 + 1e-12)
+    # With the two above, what association relies on.
+    assert channel.LOSS_ALLOWS_PRUNING
 
 
 @given(st.lists(st.tuples(distances, altitudes), min_size=1, max_size=5))

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import tests.independent_network as independent
-from orchid_uav.envs import Parameters, WorldBatch, evaluation_seeds, world_seeds
+from orchid_uav.envs import Parameters, WorldBatch, channel, evaluation_seeds, world_seeds
 from orchid_uav.envs.metrics import EPISODE_METRICS, SLOT_METRICS
 
 CROWDED = {"network.area_m": 400.0, "uav.min_separation_m": 120.0}
@@ -128,6 +128,30 @@ def test_the_cases_above_do_meet_collisions_walls_and_weak_backhaul():
         for _ in range(40):
             world.step(generator.uniform(-1.3, 1.3, (1, 6, 4)))
         assert world.episode_metrics(0)[metric] > 0
+
+
+@settings(max_examples=50, deadline=None)
+@given(seed=st.integers(0, 2**31), uavs=st.integers(1, 12))
+def test_association_is_an_exhaustive_search_whatever_altitudes_and_powers(seed, uavs):
+    wide = {"min_altitude_m": 1.0, "max_altitude_m": 900.0, "power_step_w": 0.0}
+    powers = {"min_transmit_power_w": 1e-4, "max_transmit_power_w": 10.0}
+    anyone = {"required_snr_db": -300.0, "uav_count": uavs}
+    parameters = Parameters().with_overrides({**wide, **powers, **anyone})
+    world = WorldBatch(parameters, seed=seed)
+    world.reset()
+    generator = np.random.default_rng(seed)
+    world.arrays.positions_m[0, :, :2] = generator.uniform(0, 2000, (uavs, 2))
+    world.arrays.positions_m[0, :, 2] = generator.uniform(1, 900, uavs)
+    world.arrays.transmit_powers_w[0] = 10.0 ** generator.uniform(-4, 1, uavs)
+    world.step(np.zeros((1, uavs, 4)))
+    snapshot = world.snapshot()
+    ground_m = np.linalg.norm(
+        snapshot["users_m"][:, None] - snapshot["uav_positions_m"][None, :, :2], axis=2
+    )
+    loss_db = channel.air_to_ground_path_loss_db(ground_m, snapshot["uav_positions_m"][:, 2])
+    received_w = channel.received_power_w(snapshot["transmit_powers_w"], 0.0, loss_db)
+    expected = np.where(snapshot["target_users"], received_w.argmax(axis=1), -1)
+    np.testing.assert_array_equal(snapshot["association"], expected)
 
 
 class TestEpisodes:
