@@ -1,12 +1,14 @@
 """Phase I: where UAVs start, and which users they are there for (Section IV-B)."""
 
 import warnings
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.cluster import KMeans
 from sklearn.exceptions import ConvergenceWarning
+from threadpoolctl import ThreadpoolController
 
 from orchid_uav.envs.parameters import Parameters
 
@@ -42,7 +44,7 @@ def gbs_aware_kmeans(
     if len(positions) < uavs + 1:
         raise ValueError(f"{len(positions)} users cannot form {uavs + 1} clusters")
     clustering = KMeans(n_clusters=uavs + 1, init="k-means++", n_init=n_init, random_state=seed)
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), _openmp().limit(limits=1, user_api="openmp"):
         # Fewer distinct positions than clusters is unusual but valid: some UAVs start together.
         warnings.simplefilter("ignore", ConvergenceWarning)
         clustering.fit(positions)
@@ -52,6 +54,12 @@ def gbs_aware_kmeans(
     return Deployment(
         np.delete(centroids, gbs_cluster, axis=0), labels != gbs_cluster, centroids, labels
     )
+
+
+@cache
+def _openmp() -> ThreadpoolController:
+    """Of scikit-learn's threads: on so few points they cost time, and much where cores are busy."""
+    return ThreadpoolController()
 
 
 def random_start(
