@@ -29,10 +29,10 @@ lint: install  ## ruff and mypy
 mutants: install  ## plant faults, each of which must turn a test red
 	$(BIN)/python tests/mutants.py
 
-bench: install  ## measure speed and memory, as ratios within one run
+bench: install  ## measure speed and memory, ratios within one run; then make docs-data
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt 'mobile-env'
-	$(BIN)/python -m benchmarks.simulator
-	$(BIN)/python -m benchmarks.training
+	$(BIN)/python -m benchmarks.simulator --json benchmarks/results/simulator.json
+	$(BIN)/python -m benchmarks.training --repetitions 5 --json benchmarks/results/training.json
 
 docs-data: install  ## numbers and figures of the documentation, from benchmarks/results
 	$(BIN)/python -m docs.generate

@@ -1,6 +1,7 @@
 """What the benchmarks have in common: alternating repetitions and their record."""
 
 import argparse
+import ctypes
 import os
 import statistics
 import sys
@@ -9,7 +10,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from rich.console import Console
 from rich.table import Table
 
@@ -17,6 +17,7 @@ from orchid_uav.experiments.files import write_json
 from orchid_uav.experiments.provenance import describe_host, describe_versions
 
 SCHEMA = 1
+_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # malloc.h
 
 Case = Callable[[int], float]
 """Measures once; its argument is the number of the repetition, from 0."""
@@ -68,13 +69,19 @@ def _rounded(value: Any) -> Any:
     return float(f"{value:.5g}")
 
 
-def settle_allocator() -> None:
-    """Have the C library keep freed memory, as it does in a process that once freed a large array.
+def keep_freed_memory(keep: bool) -> None:
+    """Whether glibc keeps freed memory of some 100 kB, or hands it back and fetches it anew.
 
-    Until then glibc hands the memory of temporaries of some 100 kB back to the system and fetches
-    it again, which slows the NumPy version a good deal. Other C libraries do not mind.
+    A process hands it back at first, at a considerable cost to programs with large temporaries,
+    and keeps it as soon as it has freed one larger array. Other C libraries are left as they are.
     """
-    np.empty(16 << 20, np.uint8)  # from 32 MiB on glibc would learn nothing from it
+    if sys.platform != "linux":
+        return
+    library = ctypes.CDLL(None)
+    if hasattr(library, "mallopt"):
+        threshold = 32 << 20 if keep else 128 << 10  # the greatest, and the one at first
+        library.mallopt(_M_MMAP_THRESHOLD, threshold)
+        library.mallopt(_M_TRIM_THRESHOLD, threshold)
 
 
 def record(settings: Mapping[str, Any], **figures: Any) -> dict[str, Any]:

@@ -182,8 +182,9 @@ def _received_from_all_w(constants: Constants, worlds: Worlds, ground_squared_m2
 def _received_from_few_w(constants: Constants, worlds: Worlds, ground_squared_m2: Floats) -> Floats:
     """Received powers (B, N, M), 0 for UAVs that cannot be a user's strongest.
 
-    The rule of ``orchid_uav.envs.dynamics``: next to the nearest UAV, distances weighted by power,
-    only those seen higher count. It needs ``LOSS_IS_MONOTONE``.
+    The first rule of :mod:`orchid_uav.envs.association`: next to the nearest UAV, distances
+    weighted by power, only those seen higher count. It needs ``LOSS_ALLOWS_PRUNING``. The second
+    rule would spare few of the links that are left, for more passes over all of them.
     """
     altitude_m = worlds.positions_m[..., 2]
     altitude_squared = np.square(altitude_m)[..., None]

@@ -90,7 +90,7 @@ def fly(config: RunConfig, make_rule: Callable[[WorldBatch], Rule]) -> dict[str,
     episodes = [world.episode_metrics(index) for index in range(TOPOLOGIES)]
     values = {name: [episode[name] for episode in episodes] for name in EPISODE_METRICS}
     return {
-        name: {"mean": rounded(np.mean(found)), "std": rounded(np.std(found, ddof=1))}
+        name: {"mean": rounded(float(np.mean(found))), "std": rounded(float(np.std(found, ddof=1)))}
         for name, found in values.items()
     }
 

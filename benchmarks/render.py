@@ -28,13 +28,13 @@ included; {worlds} worlds unless one is named, resets left out unless named, mov
 Medians of {repetitions} repetitions, in which all cases took turns.
 
 `numpy` is [the same step on whole arrays](../benchmarks/numpy_world.py), which a
-[test](../tests/test_numpy_world.py) holds to the compiled one in every array. `few links` has the
-compiled step's rule that spares most link evaluations (a UAV that is farther, weighted by power,
-and seen lower cannot be received better); `all links` goes without it. The NumPy version is given
-a C library that keeps freed memory, without which it is slower. `SB3 face` is
-`make_vec_env(…).step`, as the learner calls it. `mobile-env` is PyPI's mobile-env {mobile_env} with
-{mobile_env_stations} stations and {users} walking users: no flight, no propulsion, no fairness, no
-batch.
+[test](../tests/test_numpy_world.py) holds to the compiled one in every array. `few links` leaves
+out most link evaluations, as the compiled step does (a UAV that is farther, weighted by power, and
+seen lower cannot be received better); `all links` goes without that. The C library is told to keep
+freed memory, as it does by itself in a process that has once freed a large array; `fresh
+process` shows NumPy without that. `SB3 face` is `make_vec_env(…).step`, as the learner calls it.
+`mobile-env` is PyPI's mobile-env {mobile_env} with {mobile_env_stations} stations and {users}
+walking users: no flight, no propulsion, no fairness, no batch.
 """
 
 RATIO_TEXT = """\
@@ -52,7 +52,8 @@ shuffling, no figures. One torch thread, one process, medians of {repetitions} r
 """
 
 SPENT_TEXT = """\
-What an episode of the loop is spent on:
+What an episode of the loop is spent on. The live display is drawn by a thread of its own, whose
+time is spread over all parts.
 """
 
 DENORMAL_TEXT = """\
@@ -64,9 +65,8 @@ over the last {denormal_last_episodes} of {denormal_episodes} episodes:
 MEMORY_TEXT = """\
 ## Memory
 
-Greatest resident memory of the default `orchid train`, in a process of its own with
-{memory_episodes} episodes (it does not grow with their number). The first run after an installation
-compiles the simulator:
+Greatest resident memory of `orchid train --quiet --episodes {memory_episodes}` in a process of its
+own; it does not grow with the episodes. The first run after an installation compiles the simulator:
 """
 
 
@@ -97,7 +97,10 @@ def _spread(case: Mapping[str, Any], scale: float, digits: int) -> list[str]:
 
 def _simulator(result: Mapping[str, Any]) -> list[str]:
     speeds = [[name, *_spread(case, 1.0, 0)] for name, case in result["world_steps_per_s"].items()]
-    ratios = [[name, f"{value:,.1f}"] for name, value in result["ratios"].items()]
+    ratios = [
+        [name, f"{value:,.1f}" if value < 100 else f"{value:,.0f}"]
+        for name, value in result["ratios"].items()
+    ]
     return [
         SIMULATOR_TEXT.format(**result["settings"]),
         _table(["case", "world-steps/s", "least … greatest"], speeds),

@@ -5,9 +5,10 @@ random actions every slot out of one pool made beforehand. A world-step is one s
 Unless resets are named, time is taken over the 200 slots of an episode without the reset before it.
 
 The NumPy version (:mod:`benchmarks.numpy_world`) computes the same arrays from the same equations.
-It comes twice: "numpy" evaluates all links, as anybody would write it; "numpy, few links" has the
-compiled step's rule that spares most of them. "compiled, all links" is the compiled step without
-that rule.
+It comes twice: "numpy" evaluates all links, as anybody would write it; "numpy, few links" leaves
+out most of them, as the compiled step does. "compiled, all links" is the compiled step without
+that. All but "numpy, fresh process" run with a C library that keeps freed memory, which helps
+NumPy with its large temporaries: see :func:`benchmarks.measuring.keep_freed_memory`.
 
 mobile-env (PyPI) is a Gymnasium environment of a cellular network: an object per station and
 user, loops over both. Here it has 5 fixed stations, those of its large scenario numbered 0 to 4,
@@ -18,28 +19,30 @@ step of it is less work than a world-step of ours. It is left out where it is no
 
 import importlib.metadata
 import importlib.util
+import sys
 import time
 from collections.abc import Callable
 from functools import partial
+from types import ModuleType
 from typing import Any
 from unittest import mock
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
+from threadpoolctl import threadpool_limits
 
 from benchmarks import numpy_world
 from benchmarks.measuring import (
     Case,
     alternate,
     arguments,
+    keep_freed_memory,
     ratio,
     record,
     report,
-    settle_allocator,
 )
-from orchid_uav.envs import channel, dynamics, make_vec_env
+from orchid_uav.envs import association, channel, dynamics, make_vec_env
 from orchid_uav.envs.arrays import ACTION_SIZE
 from orchid_uav.envs.parameters import Parameters
 from orchid_uav.envs.world import WorldBatch
@@ -58,11 +61,8 @@ def compiled_without_pruning() -> Step:
     """The compiled step, but association evaluates every link.
 
     Compiled code keeps the constants that it was compiled with, and numba's cache does not tell
-    the two apart: hence a second copy of the module, which leaves the cache alone.
+    the two apart: hence second copies of the modules, which leave the cache alone.
     """
-    specification = importlib.util.spec_from_file_location("dynamics_all_links", dynamics.__file__)
-    assert specification is not None and specification.loader is not None
-    module = importlib.util.module_from_spec(specification)
     compiler = numba.njit
 
     def njit(*functions: Any, cache: bool = False, **options: Any) -> Any:
@@ -70,10 +70,20 @@ def compiled_without_pruning() -> Step:
 
     with (
         mock.patch.object(numba, "njit", njit),
-        mock.patch.object(channel, "LOSS_IS_MONOTONE", False),
+        mock.patch.object(channel, "LOSS_ALLOWS_PRUNING", False),
     ):
-        specification.loader.exec_module(module)
-    return module.step_worlds
+        all_links = _second_copy(association)
+        with mock.patch.dict(sys.modules, {association.__name__: all_links}):
+            return _second_copy(dynamics).step_worlds
+
+
+def _second_copy(module: ModuleType) -> ModuleType:
+    assert module.__file__ is not None
+    specification = importlib.util.spec_from_file_location("second_copy", module.__file__)
+    assert specification is not None and specification.loader is not None
+    copy = importlib.util.module_from_spec(specification)
+    specification.loader.exec_module(copy)
+    return copy
 
 
 def batch_speed(
@@ -92,6 +102,15 @@ def batch_speed(
     for actions in pool:
         step(batch.constants, batch.arrays, actions, PROGRESS)
     return batch.world_count * len(pool) / (time.perf_counter() - begin_s)
+
+
+def fresh_process_speed(case: Case, repetition: int) -> float:
+    """The case's, with a C library that handles memory as it does at first."""
+    keep_freed_memory(False)
+    try:
+        return case(repetition)
+    finally:
+        keep_freed_memory(True)
 
 
 def face_speed(worlds: int, pool: NDArray[np.float32], repetition: int) -> float:
@@ -152,6 +171,9 @@ def cases() -> dict[str, Case]:
         "compiled, all links": partial(batch_speed, still, pool, compiled_without_pruning()),
         "numpy": partial(batch_speed, still, pool, numpy_step),
         "numpy, few links": partial(batch_speed, still, pool, numpy_few_links),
+        "numpy, fresh process": partial(
+            fresh_process_speed, partial(batch_speed, still, pool, numpy_step)
+        ),
         "compiled, with resets": partial(batch_speed, still, pool, compiled, with_reset=True),
         "numpy, with resets": partial(batch_speed, still, pool, numpy_step, with_reset=True),
         "compiled, moving users": partial(batch_speed, moving, pool, compiled),
@@ -169,6 +191,7 @@ def cases() -> dict[str, Case]:
 RATIOS = {
     "compiled / numpy": ("compiled", "numpy"),
     "compiled / numpy, few links": ("compiled", "numpy, few links"),
+    "compiled / numpy, fresh process": ("compiled", "numpy, fresh process"),
     "compiled / numpy, with resets": ("compiled, with resets", "numpy, with resets"),
     "compiled / numpy, moving users": ("compiled, moving users", "numpy, moving users"),
     "compiled / numpy, 1 world": ("compiled, 1 world", "numpy, 1 world"),
@@ -183,7 +206,7 @@ RATIOS = {
 def main() -> None:
     """Measure and report."""
     options = arguments("Speed of the simulator on one core.", repetitions=11)
-    settle_allocator()
+    keep_freed_memory(True)
     with threadpool_limits(1):
         speeds = alternate(cases(), options.repetitions)
     ratios = {

@@ -30,7 +30,7 @@ import torch
 from rich.console import Console
 from stable_baselines3.common.callbacks import CallbackList
 from stable_baselines3.common.logger import Logger
-from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
+from threadpoolctl import threadpool_limits
 from torch.nn import functional
 
 import orchid_uav.experiments.training as loop
@@ -40,7 +40,6 @@ from benchmarks.measuring import (
     ratio,
     record,
     report,
-    settle_allocator,
 )
 from benchmarks.stopwatch import Stopwatch
 from orchid_uav.agents.mappo import MAPPO
@@ -202,7 +201,7 @@ def spent_s() -> dict[str, float]:
 
 
 def peak_memory_mib() -> dict[str, float]:
-    """Greatest resident memory of ``orchid train``, when it compiles the simulator and when not.
+    """Greatest resident memory of ``orchid train``, while it compiles the simulator and else.
 
     A process between the two measures it: right after the fork a child's figure is its parent's.
     """
@@ -231,7 +230,6 @@ def peak_memory_mib() -> dict[str, float]:
 def main() -> None:
     """Measure and report."""
     options = arguments("Cost of the learning loop, one thread.", repetitions=7)
-    settle_allocator()
     with threadpool_limits(1):
         bare = BareUpdates()
         seconds = alternate(

@@ -112,7 +112,8 @@ def set_up_torch(threads: int) -> None:
     """Threads of this process, and no denormal numbers.
 
     Adam's averages of vanishing gradients decay into denormals, on which the processor computes
-    several times slower: without this an update takes a third longer. They are below 1e-38.
+    several times slower: without this the updates of a run take up to half longer (see
+    docs/performance.md). The numbers are below 1e-38.
     """
     torch.set_num_threads(threads)
     torch.set_flush_denormal(True)

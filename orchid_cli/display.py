@@ -156,7 +156,7 @@ class LiveReporter:
         )
         self._task = self._progress.add_task("", total=config.training.episodes)
         print_line(self._out, f"run {run.id}")
-        self._live = Live(self._progress, console=self._out, refresh_per_second=8)
+        self._live = Live(self._progress, console=self._out, refresh_per_second=2)
         self._live.start()
 
     def show(self, rows: Sequence[Row], reset_episodes: Sequence[int]) -> None:
