@@ -36,9 +36,9 @@ class MAPPO(PPO):
     What differs from SB3's PPO: the critic's own learning rate, gradients of actor and critic
     clipped each by itself (else the scale of the rewards decides how much of the actor's gradient
     is left), the value of a state computed once per world and step, after the rollout, and a
-    sample budget that is never exceeded: where fewer episodes are left than worlds, the surplus
-    worlds' rows are neither counted nor learned from (decision M33). ``total_timesteps`` counts
-    rows, that is agent steps.
+    sample budget kept to the world: where fewer rollouts are left than worlds, the surplus worlds'
+    rows are neither counted nor learned from (decision M33). ``total_timesteps`` counts rows, that
+    is agent steps.
 
     Args:
         policy: "CentralizedCriticPolicy" or a subclass of it.
@@ -91,7 +91,8 @@ class MAPPO(PPO):
             )
 
     def _setup_model(self) -> None:
-        self.agents_per_world = 1
+        # A model that is loaded without an environment keeps the number that it was saved with.
+        self.agents_per_world = getattr(self, "agents_per_world", 1)
         if self.env is not None and self.env.has_attr("agents_per_world"):
             self.agents_per_world = int(self.env.get_attr("agents_per_world", [0])[0])
         self.rollout_buffer_kwargs = {"agents_per_world": self.agents_per_world}
@@ -145,16 +146,13 @@ class MAPPO(PPO):
         buffer.limit_rows(rows)
         std = self.policy.log_std.detach().exp()
         noise = torch.randn(n_rollout_steps, env.num_envs, len(std), device=self.device) * std
-        action_space = self.policy.action_space
         time_limits: list[tuple[int, int, NDArray[np.float32]]] = []
         for step in range(n_rollout_steps):
             observation, starts = self._last_rows()
             with torch.inference_mode():
                 local = torch.as_tensor(observation["observation"], device=self.device)
                 actions = (self.policy.action_mean(local) + noise[step]).cpu().numpy()
-            new_observation, rewards, dones, infos = env.step(
-                np.clip(actions, action_space.low, action_space.high)
-            )
+            new_observation, rewards, dones, infos = env.step(self.policy.unscale_action(actions))
             buffer.add(observation, actions, rewards, starts)
             self._last_obs, self._last_episode_starts = cast(Rows, new_observation), dones
             self.num_timesteps += rows

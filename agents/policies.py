@@ -41,7 +41,8 @@ class CentralizedCriticPolicy(ActorCriticPolicy):
 
     Args:
         observation_space: Dict with the flat boxes "observation" and "state".
-        action_space: flat box in [-1, 1].
+        action_space: flat, bounded box. Networks and noise act in [-1, 1]; boxes with other bounds
+            are reached by :meth:`unscale_action`.
         lr_schedule: learning rate of both groups until :class:`MAPPO` sets each its own.
         net_arch: hidden layers of both networks.
         log_std_init: first value of the log standard deviation.
@@ -52,7 +53,6 @@ class CentralizedCriticPolicy(ActorCriticPolicy):
 
     observation_space: spaces.Dict
     action_space: spaces.Box
-    action_dist: DiagGaussianDistribution
 
     def __init__(
         self,
@@ -72,6 +72,10 @@ class CentralizedCriticPolicy(ActorCriticPolicy):
                 'the observation space is not a Dict with "observation" and "state": wrap the '
                 "environment in orchid_uav.envs.CentralizedState"
             )
+        if not isinstance(action_space, spaces.Box) or not action_space.is_bounded():
+            raise TypeError(f"the action space is {action_space}, not a bounded Box")
+        if kwargs.get("use_sde"):
+            raise ValueError("use_sde is not supported: the noise does not depend on the state")
         super().__init__(
             observation_space,
             action_space,
@@ -83,6 +87,13 @@ class CentralizedCriticPolicy(ActorCriticPolicy):
             optimizer_kwargs=optimizer_kwargs or {"eps": 1e-5, "fused": True},
             **kwargs,
         )
+        self._squash_output = True  # has SB3's predict() call unscale_action
+        self._is_unit_box = bool((action_space.low == -1).all() and (action_space.high == 1).all())
+
+    def unscale_action(self, scaled_action: np.ndarray) -> np.ndarray:
+        """From [-1, 1], where samples beyond are clipped (M20), to the action space's bounds."""
+        clipped = np.clip(scaled_action, -1.0, 1.0)
+        return clipped if self._is_unit_box else super().unscale_action(clipped)
 
     def _build(self, lr_schedule: Schedule) -> None:
         observation_size = spaces.flatdim(self.observation_space["observation"])
@@ -134,7 +145,9 @@ class CentralizedCriticPolicy(ActorCriticPolicy):
 
     def distribution(self, observation: torch.Tensor) -> Distribution:
         """Gaussian over actions given local observations (rows, O)."""
-        return self.action_dist.proba_distribution(self.action_mean(observation), self.log_std)
+        # A new one each time: a second call would change the result of the first.
+        gaussian = DiagGaussianDistribution(self.log_std.numel())
+        return gaussian.proba_distribution(self.action_mean(observation), self.log_std)
 
     # What SB3 calls, in terms of the above.
 

@@ -74,8 +74,14 @@ class ResetAndFinetune(EpisodeCallback):
         verbose: int = 0,
     ) -> None:
         super().__init__(verbose)
-        if window < 1:
-            raise ValueError(f"window is {window}: at least 1 episode is needed")
+        if window < 1 or max_resets < 1:
+            raise ValueError(f"window is {window} and max_resets {max_resets}: both are at least 1")
+        if not 0.0 < kappa <= 1.0:
+            raise ValueError(f"kappa is {kappa}: it lies in (0, 1]")
+        if not (tolerance_jfi > 0.0 and tolerance_reward > 0.0):
+            raise ValueError(
+                f"tolerances are {tolerance_jfi} and {tolerance_reward}: both are above 0"
+            )
         self.window = window
         self.tolerance_jfi = tolerance_jfi
         self.tolerance_reward = tolerance_reward

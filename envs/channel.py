@@ -93,6 +93,21 @@ def received_power_w(
     return transmit_power_w * decibel_to_linear(antenna_gain_db - path_loss_db)
 
 
+@register_jitable
+def signal_to_noise_ratio(received_w: Numeric, noise_power_w: Numeric) -> Numeric:
+    """gamma, linear: received power over the thermal noise N_0 B of the band (Section III-D)."""
+    return received_w / noise_power_w
+
+
+def strongest_transmitter(received_w: Numeric) -> Numeric:
+    """Max-RSSI association: the first UAV that each user receives best (Section III-D).
+
+    ``received_w`` is (N, M) or (N,). The simulator finds the same without looking at all links:
+    :func:`orchid_uav.envs.association.find_strongest`.
+    """
+    return np.argmax(received_w, axis=0)
+
+
 def best_case_gain_m2(
     antenna_gain_db: float, carrier_frequency_hz: float, excess_loss_los_db: float
 ) -> float:
@@ -115,7 +130,8 @@ def backhaul_snr(
     where a flight box around the GBS lets a UAV meet the antenna.
     """
     path_loss_db = free_space_path_loss_db(np.maximum(distance_m, 1.0), carrier_frequency_hz)
-    return received_power_w(transmit_power_w, antenna_gain_db, path_loss_db) / noise_power_w
+    received_w = received_power_w(transmit_power_w, antenna_gain_db, path_loss_db)
+    return signal_to_noise_ratio(received_w, noise_power_w)
 
 
 @register_jitable

@@ -41,6 +41,10 @@ def gbs_aware_kmeans(
         n_init: runs, of which the one with the least within-cluster sum of squares is kept (M27).
     """
     positions = np.asarray(users, dtype=np.float64)
+    if uavs < 1:
+        raise ValueError(f"uavs is {uavs}: at least 1 is needed")
+    if positions.ndim != 2 or positions.shape[1] != 2 or not np.isfinite(positions).all():
+        raise ValueError("user positions are not finite numbers of shape (users, 2)")
     if len(positions) < uavs + 1:
         raise ValueError(f"{len(positions)} users cannot form {uavs + 1} clusters")
     clustering = KMeans(n_clusters=uavs + 1, init="k-means++", n_init=n_init, random_state=seed)

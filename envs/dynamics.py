@@ -6,6 +6,7 @@ in the order of decision M25: UAVs, transmit powers, users, association, rates, 
 """
 
 import hashlib
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +15,17 @@ from numpy.typing import NDArray
 
 from orchid_uav.envs.arrays import HISTOGRAM_CELLS, Constants, Floats, Worlds
 from orchid_uav.envs.association import find_strongest, measure_distances
-from orchid_uav.envs.channel import backhaul_snr, spectral_efficiency
+from orchid_uav.envs.channel import backhaul_snr, signal_to_noise_ratio, spectral_efficiency
 from orchid_uav.envs.fairness import jain_index_from_sums
-from orchid_uav.envs.kinematics import clipped, displacement_factor, is_outside, relative
+from orchid_uav.envs.kinematics import (
+    clipped,
+    displacement_factor,
+    is_outside,
+    is_too_close,
+    next_coordinate_m,
+    next_transmit_power_w,
+    relative,
+)
 from orchid_uav.envs.metrics import (
     BACKHAUL_VIOLATIONS,
     BOUNDARY_VIOLATIONS,
@@ -30,7 +39,7 @@ from orchid_uav.envs.metrics import (
     WORST_RATE,
 )
 from orchid_uav.envs.observation import BACKHAUL_SCALE_DB
-from orchid_uav.envs.propulsion import climb_power_w, propulsion_power_w
+from orchid_uav.envs.propulsion import climb_power_w, propulsion_power_w, total_power_w
 from orchid_uav.envs.reward import (
     composite_reward,
     coverage_ratio,
@@ -40,7 +49,7 @@ from orchid_uav.envs.reward import (
     normalised_energy_efficiency,
     penalty,
 )
-from orchid_uav.envs.sharing import bandwidth_share
+from orchid_uav.envs.sharing import bandwidth_share, user_rate_bps
 from orchid_uav.envs.units import linear_to_decibel
 from orchid_uav.envs.users import counter_uniform, reflect_into, reflection_sign
 
@@ -61,7 +70,14 @@ types of the arguments, which include defaults, and under the file of the functi
 this, an equation changed in another file would go on unchanged in the cache."""
 
 
-@njit(cache=True, error_model="numpy")
+def _compiled(function: Callable[..., None]) -> Callable[..., None]:
+    try:
+        return njit(cache=True, error_model="numpy")(function)
+    except RuntimeError:  # no place for a cache can be written: every process compiles anew
+        return njit(error_model="numpy")(function)
+
+
+@_compiled
 def step_worlds(
     constants: Constants,
     worlds: Worlds,
@@ -91,7 +107,7 @@ def step_worlds(
         _observe(constants, worlds, world)
 
 
-@njit(cache=True, error_model="numpy")
+@_compiled
 def begin_episodes(
     constants: Constants, worlds: Worlds, chosen: NDArray[np.int64], sources: str = _SOURCES
 ) -> None:
@@ -129,6 +145,7 @@ def _make_scratch(worlds: Worlds) -> Scratch:
 def _move_uavs(constants: Constants, worlds: Worlds, world: int, actions: Floats) -> None:
     """Kinematics and power control, Sections III-B and IV-C2; decisions M5, M25."""
     area_m, slot_s = constants.area_m, constants.slot_s
+    low_m, high_m = constants.min_altitude_m, constants.max_altitude_m
     scale_x_m, scale_y_m, scale_z_m = constants.displacement_scale_m
     for uav in range(len(actions)):
         dx = clipped(actions[uav, 0], -1.0, 1.0) * scale_x_m
@@ -136,27 +153,27 @@ def _move_uavs(constants: Constants, worlds: Worlds, world: int, actions: Floats
         dz = clipped(actions[uav, 2], -1.0, 1.0) * scale_z_m
         length_m = np.sqrt(dx * dx + dy * dy + dz * dz)
         factor = displacement_factor(length_m, constants.max_displacement_m)
+        dx, dy, dz = dx * factor, dy * factor, dz * factor
         position = worlds.positions_m[world, uav]
-        x_m = position[0] + dx * factor
-        y_m = position[1] + dy * factor
-        z_m = position[2] + dz * factor
         worlds.left_flight_box[world, uav] = (
-            is_outside(x_m, 0.0, area_m)
-            or is_outside(y_m, 0.0, area_m)
-            or is_outside(z_m, constants.min_altitude_m, constants.max_altitude_m)
+            is_outside(position[0] + dx, 0.0, area_m)
+            or is_outside(position[1] + dy, 0.0, area_m)
+            or is_outside(position[2] + dz, low_m, high_m)
         )
-        x_m = clipped(x_m, 0.0, area_m)
-        y_m = clipped(y_m, 0.0, area_m)
-        z_m = clipped(z_m, constants.min_altitude_m, constants.max_altitude_m)
+        x_m = next_coordinate_m(position[0], dx, 0.0, area_m)
+        y_m = next_coordinate_m(position[1], dy, 0.0, area_m)
+        z_m = next_coordinate_m(position[2], dz, low_m, high_m)
         velocity = worlds.velocities_mps[world, uav]
         velocity[0] = (x_m - position[0]) / slot_s
         velocity[1] = (y_m - position[1]) / slot_s
         velocity[2] = (z_m - position[2]) / slot_s
         position[0], position[1], position[2] = x_m, y_m, z_m
-        power_w = worlds.transmit_powers_w[world, uav]
-        power_w += constants.power_step_w * clipped(actions[uav, 3], -1.0, 1.0)
-        worlds.transmit_powers_w[world, uav] = clipped(
-            power_w, constants.min_transmit_power_w, constants.max_transmit_power_w
+        worlds.transmit_powers_w[world, uav] = next_transmit_power_w(
+            worlds.transmit_powers_w[world, uav],
+            constants.power_step_w,
+            clipped(actions[uav, 3], -1.0, 1.0),
+            constants.min_transmit_power_w,
+            constants.max_transmit_power_w,
         )
 
 
@@ -226,7 +243,7 @@ def _serve(constants: Constants, worlds: Worlds, world: int, scratch: Scratch) -
         if not worlds.target_users[world, user]:
             continue
         uav = int(strongest[user])
-        snr = strongest_power_w[user] / constants.access_noise_power_w
+        snr = signal_to_noise_ratio(strongest_power_w[user], constants.access_noise_power_w)
         if snr >= constants.required_snr:
             efficiency = spectral_efficiency(snr)
             association[user] = uav
@@ -241,7 +258,7 @@ def _serve(constants: Constants, worlds: Worlds, world: int, scratch: Scratch) -
             share = bandwidth_share(
                 constants.share_rule, efficiency, loads[uav], cell_sum[uav], cell_inverse_sum[uav]
             )
-            rates_bps[user] = share * constants.bandwidth_hz * efficiency
+            rates_bps[user] = user_rate_bps(share, constants.bandwidth_hz, efficiency)
 
 
 @njit(error_model="numpy")
@@ -251,13 +268,12 @@ def _watch_constraints(constants: Constants, worlds: Worlds, world: int) -> None
     uavs = len(positions_m)
     gbs_x_m, gbs_y_m, gbs_z_m = constants.gbs_position_m
     worlds.close_uavs[world] = 0
-    limit_squared = constants.min_separation_m * constants.min_separation_m
     for uav in range(uavs):
         for other in range(uav):
             dx = positions_m[uav, 0] - positions_m[other, 0]
             dy = positions_m[uav, 1] - positions_m[other, 1]
             dz = positions_m[uav, 2] - positions_m[other, 2]
-            if dx * dx + dy * dy + dz * dz < limit_squared:
+            if is_too_close(dx * dx + dy * dy + dz * dz, constants.min_separation_m):
                 worlds.close_uavs[world, uav] += 1
                 worlds.close_uavs[world, other] += 1
     for uav in range(uavs):
@@ -306,7 +322,8 @@ def _score(constants: Constants, worlds: Worlds, world: int, progress: float) ->
         transmit_w += worlds.transmit_powers_w[world, uav]
 
     coverage = coverage_ratio(served_count, target_count)
-    efficiency = energy_efficiency(sum_rate, propulsion_w + transmit_w, constants.power_epsilon_w)
+    power_w = total_power_w(propulsion_w, transmit_w)
+    efficiency = energy_efficiency(sum_rate, power_w, constants.power_epsilon_w)
     rate_jfi = jain_index_from_sums(sum_rate, sum_rate_squared, served_count)
     load_jfi = jain_index_from_sums(float(served_count), load_squared, uavs)
     metrics = worlds.metrics[world]

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Literal
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from orchid_uav.envs.parallel import FleetParallelEnv
@@ -52,10 +53,11 @@ def fleet_parameters(
         "deployment.init": init,
     }
     positions = None
-    if users is not None and not isinstance(users, int):
-        positions = users
-    else:
+    if users is None or isinstance(users, int | np.integer):
         named["network.user_count"] = users
+    else:
+        positions = np.asarray(users, dtype=np.float64)
+        named["network.user_count"] = len(positions) if positions.ndim else None
     chosen = {name: value for name, value in named.items() if value is not None}
     return {
         "parameters": (parameters or Parameters()).with_overrides({**chosen, **overrides}),

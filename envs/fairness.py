@@ -20,7 +20,7 @@ def jain_index_from_sums(total: Numeric, total_of_squares: Numeric, count: Numer
 
 
 def jain_index(values: ArrayLike, where: ArrayLike | None = None) -> float:
-    """Jain's index of the values, those with ``where`` True if it is given: in [1/n, 1].
+    """Jain's index of the values, those with ``where`` True if given: 0 (M14) or in [1/n, 1].
 
     Args:
         values: non-negative numbers, any shape.
@@ -29,4 +29,6 @@ def jain_index(values: ArrayLike, where: ArrayLike | None = None) -> float:
     chosen = np.asarray(values, dtype=float)
     if where is not None:
         chosen = chosen[np.asarray(where, dtype=bool)]
+    if chosen.size and chosen.max() > 0.0:
+        chosen = chosen / chosen.max()  # squares of tiny numbers would vanish
     return float(jain_index_from_sums(chosen.sum(), (chosen * chosen).sum(), chosen.size))

@@ -10,6 +10,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from orchid_uav.envs.factory import fleet_parameters
+from orchid_uav.envs.metrics import EPISODE_METRICS, SLOT_METRICS
 from orchid_uav.envs.spaces import action_space, observation_space
 from orchid_uav.envs.world import WorldBatch
 
@@ -67,7 +68,9 @@ class FleetEnv(gymnasium.Env[Rows, Rows]):
 class FleetVectorEnv(VectorEnv[Rows, Rows, NDArray[Any]]):
     """Many joint problems stepped as one batch; a finished one begins anew in the same step.
 
-    The last observation of a finished episode is in ``info["final_obs"]``.
+    ``info["metrics"]`` holds the slot's figures as arrays over worlds. Where an episode has ended
+    (``info["_final_obs"]``), ``info["final_obs"]`` has its last observation and
+    ``info["episode_metrics"]`` its figures.
     """
 
     metadata: ClassVar[dict[str, Any]] = {  # type: ignore[misc]
@@ -103,12 +106,30 @@ class FleetVectorEnv(VectorEnv[Rows, Rows, NDArray[Any]]):
         self.world.step(actions)
         rewards = self.world.arrays.rewards.mean(axis=1)
         truncated = self.world.finished
-        info: dict[str, Any] = {}
+        metrics = self.world.arrays.metrics.T.copy()
+        info: dict[str, Any] = {"metrics": dict(zip(SLOT_METRICS, metrics, strict=True))}
         if truncated.any():
+            episodes = [self.world.episode_metrics(world) for world in range(self.num_envs)]
             final_observations = np.empty(self.num_envs, dtype=object)
             for world in np.flatnonzero(truncated):
                 final_observations[world] = self.world.arrays.observations[world].copy()
-            info = {"final_obs": final_observations, "_final_obs": truncated}
+            info |= {"final_obs": final_observations, "_final_obs": truncated}
+            info["episode_metrics"] = {
+                name: np.array([episode[name] for episode in episodes]) for name in EPISODE_METRICS
+            }
+            info["_episode_metrics"] = truncated
             self.world.reset(np.flatnonzero(truncated))
         terminated = np.zeros(self.num_envs, dtype=np.bool_)
         return self.world.arrays.observations.copy(), rewards, terminated, truncated, info
+
+    def state(self) -> Rows:
+        """Global states of all worlds for a centralised critic."""
+        return self.world.arrays.states.copy()
+
+    def snapshot(self, world: int = 0) -> dict[str, Any]:
+        """Copies of one world's physical state; see :meth:`WorldBatch.snapshot`."""
+        return self.world.snapshot(world)
+
+    def set_progress(self, progress: float) -> None:
+        """Training progress tau of the weight schedules, kept across resets (default 0)."""
+        self.world.set_progress(progress)

@@ -21,6 +21,28 @@ def clipped(value: Numeric, low: Numeric, high: Numeric) -> Numeric:
 
 
 @register_jitable
+def next_coordinate_m(
+    position_m: Numeric, displacement_m: Numeric, low_m: Numeric, high_m: Numeric
+) -> Numeric:
+    """q(t+1) = q(t) + displacement along one axis, kept inside the flight box (M25)."""
+    return clipped(position_m + displacement_m, low_m, high_m)
+
+
+@register_jitable
+def next_transmit_power_w(
+    power_w: Numeric, step_w: Numeric, action: Numeric, min_w: Numeric, max_w: Numeric
+) -> Numeric:
+    """P(t+1) = P(t) + delta_p a, kept within [P_min, P_max]."""
+    return clipped(power_w + step_w * action, min_w, max_w)
+
+
+@register_jitable
+def is_too_close(distance_squared_m2: Numeric, min_separation_m: Numeric) -> Numeric:
+    """I(d_nj < d_min), of the squared 3-D distance of two UAVs."""
+    return distance_squared_m2 < min_separation_m * min_separation_m
+
+
+@register_jitable
 def is_outside(value: Numeric, low: Numeric, high: Numeric) -> Numeric:
     """Whether ``value`` lies outside [``low``, ``high``]."""
     return (value < low) | (value > high)

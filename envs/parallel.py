@@ -82,13 +82,13 @@ class FleetParallelEnv(ParallelEnv[str, Observation, Observation]):
         self.world.step(np.stack([actions[agent] for agent in self.agents])[None])
         agents, observations = self.agents, self._observations()
         rewards = dict(zip(agents, self.world.arrays.rewards[0].tolist(), strict=True))
-        infos: dict[str, PerAgent] = {
-            agent: {"metrics": self.world.slot_metrics(0)} for agent in agents
-        }
+        metrics = self.world.slot_metrics(0)
+        infos: dict[str, PerAgent] = {agent: {"metrics": dict(metrics)} for agent in agents}
         is_over = bool(self.world.finished[0])
         if is_over:
+            episode = self.world.episode_metrics(0)
             for info in infos.values():
-                info["episode_metrics"] = self.world.episode_metrics(0)
+                info["episode_metrics"] = dict(episode)
             self.agents = []
         terminations = dict.fromkeys(agents, False)
         truncations = dict.fromkeys(agents, is_over)

@@ -1,17 +1,19 @@
 """Table I of the paper, and what it leaves open, as one validated and frozen object.
 
 The sections are those of the configuration file, the field names its keys. A field's docstring is
-its description everywhere: here, in ``orchid config show --help`` and in docs/configuration.md.
+its description here and in docs/configuration.md.
 """
 
 from __future__ import annotations
 
+import difflib
 from typing import Annotated, Any, Literal
 
 from pydantic import (
     BaseModel,
     ConfigDict,
     Field,
+    ValidationError,
     ValidationInfo,
     field_validator,
     model_validator,
@@ -22,6 +24,8 @@ from orchid_uav.envs.units import dbm_to_watt, decibel_to_linear
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
 Pair = tuple[NotNegative, NotNegative]
+Level = Annotated[float, Field(ge=-400, le=400)]
+"""In dB, dBm or dBi; beyond these bounds powers leave the range of floating-point numbers."""
 
 
 class Section(BaseModel):
@@ -35,10 +39,9 @@ class Section(BaseModel):
     @classmethod
     def _truth_is_no_number(cls, value: Any, info: ValidationInfo) -> Any:
         # pydantic would take "uav_count = true" for 1.
-        if (
-            isinstance(value, bool)
-            and cls.model_fields[str(info.field_name)].annotation is not bool
-        ):
+        values = value if isinstance(value, list | tuple) else [value]
+        expects_truth = cls.model_fields[str(info.field_name)].annotation is bool
+        if any(isinstance(one, bool) for one in values) and not expects_truth:
             raise ValueError("true and false are no values of this key")
         return value
 
@@ -170,25 +173,25 @@ class ChannelParameters(Section):
     """S-curve parameter a of the LoS probability."""
     s_curve_b: Positive = 0.16
     """S-curve parameter b of the LoS probability."""
-    excess_loss_los_db: float = 1.0
+    excess_loss_los_db: Level = 1.0
     """Mean excess loss eta_LoS."""
-    excess_loss_nlos_db: float = 20.0
+    excess_loss_nlos_db: Level = 20.0
     """Mean excess loss eta_NLoS, not below eta_LoS."""
-    noise_density_dbm_per_hz: float = -174.0
+    noise_density_dbm_per_hz: Level = -174.0
     """Noise power density N_0."""
-    required_snr_db: float = 6.0
+    required_snr_db: Level = 6.0
     """SNR Gamma_req from which a user is served (M11)."""
-    access_transmit_gain_dbi: float = 0.0
+    access_transmit_gain_dbi: Level = 0.0
     """UAV antenna gain G_tx towards users (M3)."""
-    access_receive_gain_dbi: float = 0.0
+    access_receive_gain_dbi: Level = 0.0
     """User antenna gain G_rx (M3)."""
     backhaul_bandwidth_hz: Positive = 20e6
     """Backhaul bandwidth B_BH."""
-    backhaul_required_snr_db: float = 10.0
+    backhaul_required_snr_db: Level = 10.0
     """Least backhaul SNR gamma_th."""
-    backhaul_gbs_gain_dbi: float = 0.0
+    backhaul_gbs_gain_dbi: Level = 0.0
     """GBS antenna gain G_GBS on the backhaul (M3)."""
-    backhaul_uav_gain_dbi: float = 0.0
+    backhaul_uav_gain_dbi: Level = 0.0
     """UAV antenna gain G_UAV on the backhaul (M3)."""
 
     @model_validator(mode="after")
@@ -232,7 +235,7 @@ class GbsParameters(Section):
 
     height_m: Positive = 30.0
     """Antenna height H_GBS."""
-    transmit_power_dbm: float = 30.0
+    transmit_power_dbm: Level = 30.0
     """Transmit power P_GBS."""
     path_loss_exponent: Positive = 3.5
     """Exponent beta of the GBS-to-user path loss (M4)."""
@@ -339,13 +342,16 @@ class Parameters(Section):
                 a field of that name.
 
         Raises:
-            ValueError: unknown or ambiguous name, or a value that does not fit.
+            ValueError: unknown or ambiguous name, or a value that does not fit, in one line.
         """
         merged = self.model_dump()
         for name, value in overrides.items():
             section, field = self.locate(name)
             merged[section][field] = value
-        return Parameters.model_validate(merged)
+        try:
+            return Parameters.model_validate(merged)
+        except ValidationError as error:
+            raise ValueError(describe_error(error)[1]) from error
 
     @classmethod
     def locate(cls, name: str) -> tuple[str, str]:
@@ -356,6 +362,23 @@ class Parameters(Section):
             for field in info.default.__class__.model_fields
         }
         found = [key for key in keys if name in (key[1], ".".join(key))]
-        if len(found) != 1:
-            raise ValueError(f"'{name}' names {len(found) or 'no'} parameters of the network")
+        if not found:
+            names = [".".join(key) for key in keys] + [field for _, field in keys]
+            near = difflib.get_close_matches(name, names, n=1)
+            raise ValueError(
+                f"unknown parameter '{name}'" + (f": did you mean '{near[0]}'?" if near else "")
+            )
+        if len(found) > 1:
+            choices = ", ".join(f"'{'.'.join(key)}'" for key in sorted(found))
+            raise ValueError(f"'{name}' is one of several: {choices}")
         return found[0]
+
+
+def describe_error(error: ValidationError) -> tuple[list[str], str]:
+    """Where the first of pydantic's complaints lies, and the complaint in one line."""
+    first = error.errors()[0]
+    location = [str(part) for part in first["loc"]]
+    message = first["msg"].removeprefix("Value error, ")
+    if len(location) < 2:  # a rule about several values
+        return location, f"{location[0]}: {message}" if location else message
+    return location, f"{'.'.join(location[:2])} = {first['input']!r}: {message.lower()}"

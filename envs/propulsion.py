@@ -53,6 +53,12 @@ def climb_power_w(vertical_speed_mps: Numeric, mass_kg: Numeric) -> Numeric:
     return mass_kg * standard_gravity * np.maximum(vertical_speed_mps, 0.0)
 
 
+@register_jitable
+def total_power_w(propulsion_w: Numeric, transmit_w: Numeric) -> Numeric:
+    """P_total = P_n + P_prop (Section III-E)."""
+    return propulsion_w + transmit_w
+
+
 def least_power_speed_mps(rotor: RotorParameters, max_speed_mps: float) -> float:
     """Speed in [0, ``max_speed_mps``] that needs the least propulsion power."""
     optimum = minimize_scalar(

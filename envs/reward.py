@@ -6,10 +6,12 @@ from numba.extending import register_jitable
 from orchid_uav.envs.channel import (
     air_to_ground_path_loss_db,
     received_power_w,
+    signal_to_noise_ratio,
     spectral_efficiency,
 )
 from orchid_uav.envs.parameters import Parameters
-from orchid_uav.envs.propulsion import least_power_speed_mps, propulsion_power_w
+from orchid_uav.envs.propulsion import least_power_speed_mps, propulsion_power_w, total_power_w
+from orchid_uav.envs.sharing import user_rate_bps
 from orchid_uav.envs.units import Numeric
 
 
@@ -91,13 +93,13 @@ def best_rate_bps(parameters: Parameters) -> float:
     channel, uav = parameters.channel, parameters.uav
     path_loss_db = air_to_ground_path_loss_db(0.0, uav.min_altitude_m, **channel.air_to_ground())
     power_w = received_power_w(uav.max_transmit_power_w, channel.access_gain_db, path_loss_db)
-    snr = power_w / parameters.access_noise_power_w
-    return float(parameters.bandwidth_hz * spectral_efficiency(snr))
+    snr = signal_to_noise_ratio(power_w, parameters.access_noise_power_w)
+    return float(user_rate_bps(1.0, parameters.bandwidth_hz, spectral_efficiency(snr)))
 
 
 def energy_efficiency_scale(parameters: Parameters) -> float:
     """EE_max in bit/J (decision M7); about 0.8 Mbit/J at Table I."""
     speed_mps = least_power_speed_mps(parameters.rotor, parameters.uav.max_speed_mps)
     least_power_w = propulsion_power_w(speed_mps, **parameters.rotor.power_curve())
-    power_w = least_power_w + parameters.uav.max_transmit_power_w
+    power_w = total_power_w(least_power_w, parameters.uav.max_transmit_power_w)
     return float(best_rate_bps(parameters) / power_w)

@@ -52,6 +52,12 @@ def bandwidth_share(
     return efficiency_share(spectral_efficiency, cell_sum)
 
 
+@register_jitable
+def user_rate_bps(share: Numeric, bandwidth_hz: Numeric, spectral_efficiency: Numeric) -> Numeric:
+    """R_m = omega B log2(1 + gamma), Section III-D; with equal shares it is eq. (user_rate)."""
+    return share * bandwidth_hz * spectral_efficiency
+
+
 def _cell(spectral_efficiency: ArrayLike) -> NDArray[np.float64]:
     cell = np.asarray(spectral_efficiency, dtype=float)
     if cell.ndim != 1 or not np.all(cell > 0.0):

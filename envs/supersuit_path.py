@@ -76,6 +76,14 @@ class SuperSuitVecEnv(SB3VecEnvWrapper):
             infos[row]["TimeLimit.truncated"] = bool(truncated[row] and not terminated[row])
         return observations, rewards, dones, infos
 
+    def has_attr(self, attr_name: str) -> bool:
+        """Whether every row's world, or this adapter, has an attribute."""
+        try:
+            self.get_attr(attr_name)
+        except AttributeError:
+            return False
+        return True
+
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
         """An attribute of each row's world, or of this adapter."""
         rows = self._get_indices(indices)

@@ -11,7 +11,7 @@ from orchid_uav.envs.deployment import deploy
 from orchid_uav.envs.dynamics import begin_episodes, step_worlds
 from orchid_uav.envs.metrics import EPISODE_METRICS, SLOT_METRICS, SUMMED_OVER_SLOTS
 from orchid_uav.envs.parameters import Parameters
-from orchid_uav.envs.sharing import equal_share
+from orchid_uav.envs.sharing import equal_share, user_rate_bps
 from orchid_uav.envs.users import check_user_positions, draw_user_positions
 
 _EVALUATION_STREAM = 2**31
@@ -85,6 +85,7 @@ class WorldBatch:
         self.state_size = state_size(self.uav_count)
         self.progress = 0.0
         self.arrays = Worlds.zeros(worlds, self.uav_count, self.user_count)
+        self.arrays.slot[:] = parameters.network.episode_slots  # no episode has begun
         self._shadowing_db = np.zeros((worlds, self.user_count))
         self.generators: list[np.random.Generator] = []
         self.seed(seed)
@@ -139,6 +140,7 @@ class WorldBatch:
 
         Raises:
             ValueError: wrong shape, or a number that is not finite.
+            RuntimeError: an episode is over, or none has begun.
         """
         wanted = np.ascontiguousarray(actions, dtype=np.float64)
         shape = (self.world_count, self.uav_count, ACTION_SIZE)
@@ -146,6 +148,8 @@ class WorldBatch:
             raise ValueError(f"actions have shape {wanted.shape}, not (worlds, UAVs, 4) = {shape}")
         if not np.isfinite(wanted).all():
             raise ValueError("an action is not a finite number")
+        if self.finished.any():
+            raise RuntimeError("an episode is over or has not begun: call reset() first")
         step_worlds(self.constants, self.arrays, wanted, self.progress)
 
     @property
@@ -177,10 +181,12 @@ class WorldBatch:
             distance_m, radio.carrier_frequency_hz, gbs.path_loss_exponent, self._shadowing_db
         )
         power_w = channel.received_power_w(self.constants.gbs_transmit_power_w, 0.0, loss_db)
-        snr = power_w / radio.noise_power_w(gbs.access_bandwidth_hz)
+        noise_w = radio.noise_power_w(gbs.access_bandwidth_hz)
+        snr = channel.signal_to_noise_ratio(power_w, noise_w)
         served = ~self.arrays.target_users & (snr >= self.parameters.required_snr)
         share = equal_share(np.maximum(served.sum(axis=1, keepdims=True), 1))
-        rates = share * gbs.access_bandwidth_hz * channel.spectral_efficiency(snr)
+        efficiency = channel.spectral_efficiency(snr)
+        rates = user_rate_bps(share, gbs.access_bandwidth_hz, efficiency)
         return np.where(served, rates, 0.0)
 
     def snapshot(self, world: int = 0) -> dict[str, NDArray[np.generic] | int]:

@@ -9,7 +9,14 @@ from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import Field, ValidationError, model_validator
 
-from orchid_uav.envs.parameters import NotNegative, Pair, Parameters, Positive, Section
+from orchid_uav.envs.parameters import (
+    NotNegative,
+    Pair,
+    Parameters,
+    Positive,
+    Section,
+    describe_error,
+)
 from orchid_uav.experiments.errors import InputError
 
 Fraction = Annotated[float, Field(ge=0, le=1)]
@@ -259,12 +266,8 @@ def _unknown(kind: str, name: str, known: Iterable[str]) -> str:
 
 
 def _describe(error: ValidationError, sources: Mapping[str, str]) -> str:
-    first = error.errors()[0]
-    location = [str(part) for part in first["loc"]]
-    key = ".".join(location[:2])
-    message = first["msg"].removeprefix("Value error, ")
+    location, message = describe_error(error)
     if len(location) < 2:  # a rule about several values
         changed = [f"{name} ({source})" for name, source in sources.items() if source != "default"]
-        told = f"{key}: {message}" if key else message
-        return told + (f"; set here: {', '.join(changed)}" if changed else "")
-    return f"{key} = {first['input']!r} ({sources.get(key, 'default')}): {message.lower()}"
+        return message + (f"; set here: {', '.join(changed)}" if changed else "")
+    return f"{message} (from {sources.get('.'.join(location[:2]), 'default')})"

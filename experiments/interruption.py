@@ -17,7 +17,7 @@ class Interruption:
 
 @contextmanager
 def interruption_requests() -> Iterator[Interruption]:
-    """Note SIGINT and SIGTERM instead of dying of them; a second one acts at once.
+    """Note SIGINT, SIGTERM and SIGHUP instead of dying of them; a second one acts at once.
 
     Outside the main thread, where Python delivers no signals, nothing is changed.
     """
@@ -33,7 +33,9 @@ def interruption_requests() -> Iterator[Interruption]:
     if threading.current_thread() is not threading.main_thread():
         yield interruption
         return
-    caught = (signal.SIGINT, signal.SIGTERM)
+    caught = [signal.SIGINT, signal.SIGTERM]
+    if hasattr(signal, "SIGHUP"):  # the terminal is closed
+        caught.append(signal.SIGHUP)
     # What the caller ignores (nohup, a shell's background job) stays ignored.
     heeded = [number for number in caught if signal.getsignal(number) is not signal.SIG_IGN]
     previous = {number: signal.signal(number, note) for number in heeded}

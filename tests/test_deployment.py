@@ -58,6 +58,14 @@ class TestKMeans:
         with pytest.raises(ValueError, match="4 users cannot form 5 clusters"):
             gbs_aware_kmeans(np.zeros((4, 2)), 4, GBS)
 
+    @pytest.mark.parametrize(
+        ("users", "uavs", "message"),
+        [([[float("nan"), 0.0]] * 9, 3, "finite"), ([0.0] * 9, 3, "shape"), ([[0, 0]] * 9, 0, "1")],
+    )
+    def test_what_cannot_be_clustered(self, users, uavs, message):
+        with pytest.raises(ValueError, match=message):
+            gbs_aware_kmeans(users, uavs, GBS)
+
     def test_all_users_in_one_place(self):
         found = gbs_aware_kmeans(np.full((10, 2), 700.0), 3, GBS, seed=0)
         assert np.isfinite(found.uav_positions_m).all()

@@ -72,6 +72,9 @@ class TestJain:
     def test_where_chooses(self):
         assert fairness.jain_index([1, 2, 3, 4, 0], where=[1, 1, 1, 1, 0]) == pytest.approx(5 / 6)
 
+    def test_tiny_numbers_are_as_fair_as_large_ones(self):
+        assert fairness.jain_index([1e-170] * 3) == pytest.approx(1.0)
+
     @given(rates, st.floats(1e-3, 1e3))
     def test_lies_between_one_nth_and_one_and_knows_no_scale(self, values, factor):
         index = fairness.jain_index(values)

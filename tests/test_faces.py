@@ -68,7 +68,9 @@ class TestConformance:
             )
             assert rewards.shape == (4,) and not terminated.any()
             assert truncated.all() == (slot == 12)
-            assert ("final_obs" in info) == (slot == 12)
+            assert ("final_obs" in info) == ("episode_metrics" in info) == (slot == 12)
+            assert tuple(info["metrics"]) == SLOT_METRICS
+            assert info["metrics"]["coverage"].shape == (4,)
         assert vector.observation_space.contains(observations)
 
     def test_wrappers_of_sb3_take_the_native_environment(self):
@@ -136,6 +138,8 @@ class TestParallel:
             ({"uavs": 0}, "uav_count"),
             ({"uavs": 5, "users": 5}, "at least 6"),
             ({"altitude": 3}, "altitude"),
+            ({"usres": 30}, r"unknown parameter 'usres'"),
+            ({"usr_count": 30}, r"did you mean 'user_count'\?"),
             ({"observation": "informed"}, "observation"),
             ({"speed_mps": float("nan")}, "user_speed_mps"),
         ],
@@ -143,6 +147,16 @@ class TestParallel:
     def test_bad_keywords_are_told(self, keywords, message):
         with pytest.raises(ValueError, match=message):
             parallel_env(**keywords)
+
+    def test_errors_are_one_line(self):
+        with pytest.raises(ValueError) as error:
+            parallel_env(uavs=0)
+        assert len(str(error.value).splitlines()) == 1
+
+    def test_numbers_of_users_may_be_numpys_and_positions_more_than_the_default(self):
+        assert parallel_env(users=np.int64(50)).world.user_count == 50
+        positions = np.random.default_rng(0).uniform(0, 2000, (200, 2))
+        assert parallel_env(uavs=120, users=positions).world.uav_count == 120
 
     def test_keywords_reach_their_parameters(self):
         env = parallel_env(

@@ -5,12 +5,16 @@ import math
 import numpy as np
 import pytest
 import torch
+from mpe2 import simple_spread_v3
 from stable_baselines3.common.callbacks import BaseCallback
 from torch import nn
 
 from orchid_uav.agents import MAPPO
-from orchid_uav.envs import make_vec_env
+from orchid_uav.callbacks import EpisodeLog, ProgressSchedules, ResetAndFinetune
+from orchid_uav.envs import make_supersuit_vec_env, make_vec_env, parallel_env
 from orchid_uav.envs.centralized import CentralizedState
+from orchid_uav.experiments.configuration import RunConfig
+from orchid_uav.experiments.training import build_model, build_reset_and_finetune
 from tests.learning import SMALL, ConstantReward, small_model
 
 
@@ -257,3 +261,70 @@ def test_saves_and_loads_like_any_sb3_model(tmp_path):
         assert torch.equal(first, second)
     assert loaded.learning_rates == model.learning_rates == (5e-5, 5e-4)
     loaded.learn(40)
+
+
+class TestOtherEnvironments:
+    def test_native_and_supersuit_learn_the_same(self):
+        native = small_model(worlds=2)
+        native.learn(5 * 20)
+        # Built after that: building a model seeds torch's one generator.
+        through_supersuit = MAPPO(
+            "CentralizedCriticPolicy",
+            make_supersuit_vec_env(lambda: parallel_env(**SMALL), 2, seed=0),
+            n_steps=10,
+            seed=0,
+            policy_kwargs={"net_arch": [32, 32]},
+        )
+        through_supersuit.learn(5 * 20)
+        for first, second in zip(
+            native.policy.parameters(), through_supersuit.policy.parameters(), strict=True
+        ):
+            assert torch.equal(first, second)
+
+    def test_actions_reach_bounds_other_than_plus_and_minus_one(self):
+        env = make_supersuit_vec_env(
+            lambda: simple_spread_v3.parallel_env(continuous_actions=True), 2, seed=0
+        )
+        model = MAPPO("CentralizedCriticPolicy", env, n_steps=25, policy_kwargs={"net_arch": [16]})
+        model.learn(2 * 3 * 25)
+        assert model.num_timesteps == 150
+        assert model.rollout_buffer.rows == 6
+        # The box is 0..1: its middle is the policy's zero, and nothing lies outside.
+        np.testing.assert_allclose(model.policy.unscale_action(np.zeros(5)), 0.5)
+        np.testing.assert_allclose(model.policy.unscale_action(np.full(5, 9.0)), 1.0)
+        actions, _ = model.predict(env.reset(), deterministic=False)
+        assert env.action_space.contains(actions[0])
+
+    def test_refuses_what_it_cannot_act_in(self):
+        env = make_supersuit_vec_env(simple_spread_v3.parallel_env, 1)
+        with pytest.raises(TypeError, match="bounded Box"):
+            MAPPO("CentralizedCriticPolicy", env)
+        with pytest.raises(ValueError, match="use_sde"):
+            small_model(use_sde=True)
+
+    def test_loaded_without_an_environment_it_still_knows_its_agents(self, tmp_path):
+        small_model().save(tmp_path / "model")
+        model = MAPPO.load(tmp_path / "model")
+        model.set_env(make_vec_env(1, **SMALL))
+        rows = []
+        model.learn(4 * 20, callback=EpisodeLog(rows.extend))
+        assert [row["episode"] for row in rows] == [1, 2, 3, 4]
+
+
+def test_defaults_are_the_configurations():
+    """Table I stands in the configuration; what the classes begin with must be the same."""
+    config = RunConfig()
+    by_hand = MAPPO("CentralizedCriticPolicy", make_vec_env())
+    configured = build_model(config, make_vec_env())
+    for name in ("learning_rates", "n_steps", "batch_size", "n_epochs", "gamma", "gae_lambda"):
+        assert getattr(by_hand, name) == getattr(configured, name), name
+    for name in ("ent_coef", "vf_coef", "max_grad_norm", "normalize_advantage"):
+        assert getattr(by_hand, name) == getattr(configured, name), name
+    assert by_hand.clip_range(1.0) == configured.clip_range(1.0)
+    assert by_hand.policy.optimizer.defaults == configured.policy.optimizer.defaults
+    shapes = [[p.shape for p in model.policy.parameters()] for model in (by_hand, configured)]
+    assert shapes[0] == shapes[1]
+    callback, reset = ResetAndFinetune(), build_reset_and_finetune(config)
+    for name in ("window", "tolerance_jfi", "tolerance_reward", "kappa", "max_resets"):
+        assert getattr(callback, name) == getattr(reset, name), name
+    assert ProgressSchedules(1).entropy_coef == config.ppo.entropy_coef

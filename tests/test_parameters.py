@@ -54,6 +54,8 @@ def test_is_frozen():
         {"initial_transmit_power_w": 0.3},
         {"excess_loss_nlos_db": 0.0},
         {"distribution": "gauss"},
+        {"efficiency_weight": [True, False]},
+        {"noise_density_dbm_per_hz": -4000.0},
         {"no_such_parameter": 1},
         {"network.no_such": 1},
     ],

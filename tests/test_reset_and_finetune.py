@@ -172,9 +172,21 @@ class TestInTraining:
         # The rates in force after an episode are those after the update it was part of.
         assert [row["actor_lr"] for row in rows] == [1e-4] * 3 + [5e-5] * 4
 
-    def test_refuses_an_empty_window(self):
-        with pytest.raises(ValueError, match="window is 0"):
-            ResetAndFinetune(window=0)
+    @pytest.mark.parametrize(
+        "wrong",
+        [
+            {"window": 0},
+            {"max_resets": 0},
+            {"kappa": 0.0},
+            {"kappa": 1.5},
+            {"kappa": float("nan")},
+            {"tolerance_jfi": 0.0},
+            {"tolerance_reward": -1.0},
+        ],
+    )
+    def test_refuses_what_makes_no_sense(self, wrong):
+        with pytest.raises(ValueError, match=next(iter(wrong)).split("_")[0]):
+            ResetAndFinetune(**wrong)
 
 
 def test_schedules_follow_finished_episodes():

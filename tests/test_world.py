@@ -150,7 +150,8 @@ def test_association_is_an_exhaustive_search_whatever_altitudes_and_powers(seed,
     )
     loss_db = channel.air_to_ground_path_loss_db(ground_m, snapshot["uav_positions_m"][:, 2])
     received_w = channel.received_power_w(snapshot["transmit_powers_w"], 0.0, loss_db)
-    expected = np.where(snapshot["target_users"], received_w.argmax(axis=1), -1)
+    strongest = channel.strongest_transmitter(received_w.T)
+    expected = np.where(snapshot["target_users"], strongest, -1)
     np.testing.assert_array_equal(snapshot["association"], expected)
 
 
@@ -401,6 +402,16 @@ class TestOutOfTheOrdinary:
         assert (world.arrays.positions_m[0, :, 0] == 2000.0).all()
         assert world.slot_metrics(0)["boundary_violations"] == 6
         assert world.slot_metrics(0)["propulsion_power_w"] == pytest.approx(6 * 394.006)
+
+    def test_no_step_before_a_reset_or_beyond_the_end(self):
+        world = WorldBatch(Parameters().with_overrides({"episode_slots": 3}), seed=0)
+        with pytest.raises(RuntimeError, match="reset"):
+            world.step(np.zeros((1, 6, 4)))
+        world.reset()
+        for _ in range(3):
+            world.step(np.zeros((1, 6, 4)))
+        with pytest.raises(RuntimeError, match="reset"):
+            world.step(np.zeros((1, 6, 4)))
 
     @pytest.mark.parametrize(
         ("actions", "message"),
