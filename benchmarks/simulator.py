@@ -7,7 +7,7 @@ Unless resets are named, time is taken over the 200 slots of an episode without 
 The NumPy version (:mod:`benchmarks.numpy_world`) computes the same arrays from the same equations.
 It comes twice: "numpy" evaluates all links, as anybody would write it; "numpy, few links" leaves
 out most of them, as the compiled step does. "compiled, all links" is the compiled step without
-that. All but "numpy, fresh process" run with a C library that keeps freed memory, which helps
+that. All but those named "fresh process" run with a C library that keeps freed memory, which helps
 NumPy with its large temporaries: see :func:`benchmarks.measuring.keep_freed_memory`.
 
 mobile-env (PyPI) is a Gymnasium environment of a cellular network: an object per station and
@@ -176,6 +176,9 @@ def cases() -> dict[str, Case]:
         ),
         "compiled, with resets": partial(batch_speed, still, pool, compiled, with_reset=True),
         "numpy, with resets": partial(batch_speed, still, pool, numpy_step, with_reset=True),
+        "numpy, with resets, fresh process": partial(
+            fresh_process_speed, partial(batch_speed, still, pool, numpy_step, with_reset=True)
+        ),
         "compiled, moving users": partial(batch_speed, moving, pool, compiled),
         "numpy, moving users": partial(batch_speed, moving, pool, numpy_step),
         "compiled, 1 world": partial(batch_speed, single, pool[:, :1], compiled),
@@ -193,6 +196,11 @@ RATIOS = {
     "compiled / numpy, few links": ("compiled", "numpy, few links"),
     "compiled / numpy, fresh process": ("compiled", "numpy, fresh process"),
     "compiled / numpy, with resets": ("compiled, with resets", "numpy, with resets"),
+    "compiled / numpy, with resets, fresh process": (
+        "compiled, with resets",
+        "numpy, with resets, fresh process",
+    ),
+    "compiled / mobile-env": ("compiled", "mobile-env"),
     "compiled / numpy, moving users": ("compiled, moving users", "numpy, moving users"),
     "compiled / numpy, 1 world": ("compiled, 1 world", "numpy, 1 world"),
     "what sparing links brings, compiled": ("compiled", "compiled, all links"),
