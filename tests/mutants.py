@@ -167,17 +167,23 @@ MUTANTS = [
 ]
 
 
+def copy_package(directory: Path) -> Path:
+    """A copy of the package below a directory, importable with that in ``PYTHONPATH``."""
+    package = directory / "orchid_uav"
+    for room, target in ROOMS.items():
+        shutil.copytree(
+            ROOT / room,
+            package / target,
+            dirs_exist_ok=True,
+            ignore=shutil.ignore_patterns("__pycache__"),
+        )
+    return package
+
+
 def is_green(tests: Iterable[str], mutant: Mutant | None = None) -> bool:
     """Whether the tests pass on a copy of the package, with the fault planted in it if any."""
     with tempfile.TemporaryDirectory() as directory:
-        package = Path(directory) / "orchid_uav"
-        for room, target in ROOMS.items():
-            shutil.copytree(
-                ROOT / room,
-                package / target,
-                dirs_exist_ok=True,
-                ignore=shutil.ignore_patterns("__pycache__"),
-            )
+        package = copy_package(Path(directory))
         if mutant is not None:
             plant(mutant, package)
         finished = subprocess.run(
