@@ -1,4 +1,4 @@
-"""docs/performance.md from the committed results: ``python -m benchmarks.render``."""
+"""docs/performance.md from the committed results: ``make docs-data``."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -14,7 +14,7 @@ INTRODUCTION = """\
 
 `make bench` measures this anew. All figures here come from the JSON files under
 [benchmarks/results](../benchmarks/results), which hold every repetition, through
-`python -m benchmarks.render`. Everything runs on one core. Absolute figures belong to the machine
+`make docs-data`. Everything runs on one core. Absolute figures belong to the machine
 named. Ratios were taken side by side within one run, but they too depend on the processor: NumPy
 computes exponentials and logarithms with vector instructions, compiled code one by one.
 """

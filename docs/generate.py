@@ -43,7 +43,7 @@ def configuration_page() -> str:
         "Every key with its default, unit, range and meaning; the defaults are the paper's (preset",
         "`paper`). M1 … M33 are the [decisions](model.md#decisions) on what the paper leaves open.",
         "Set them in a TOML or JSON file (`--config`), or singly (`--set network.user_count=50`).",
-        "This page is made from the code by `python -m docs.generate`.",
+        "This page is made from the code by `make docs-data`.",
     ]
     for section, info in RunConfig.model_fields.items():
         model = type(info.default)
@@ -62,7 +62,9 @@ def _default(value: Any) -> str:
         return ", ".join(map(_default, value))
     if isinstance(value, float):
         return f"{value:g}"
-    return {None: "none", True: "true", False: "false"}.get(value, str(value))
+    if isinstance(value, bool):
+        return str(value).lower()
+    return "none" if value is None else str(value)
 
 
 def _values(field: FieldInfo) -> str:
@@ -119,7 +121,8 @@ def readme_results(data: Mapping[str, Any]) -> str:
         lines.append(f"| {name} | " + " | ".join(cells) + " |")
     lines += [
         "",
-        f"One training seed, {data['date']}, from `benchmarks/results/reference_run.json`, made by "
+        f"One training seed, {data['date']}, from [benchmarks/results/reference_run.json]"
+        "(benchmarks/results/reference_run.json), made by "
         + " and ".join(f"`{command}`" for command in data["command"])
         + ".",
     ]
@@ -156,7 +159,7 @@ def draw_run(data: Mapping[str, Any], path: Path) -> None:
         axis.grid(alpha=0.3)
     for axis in axes[1]:
         axis.set_xlabel("training episode")
-    axes[0, 0].legend(fontsize=8, loc="lower left")
+    axes[0, 0].legend(fontsize=8, loc="upper right")
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=130)
     plt.close(figure)

@@ -138,7 +138,9 @@ class LiveReporter:
 
     def __init__(self, out: Console) -> None:
         self._out = out
-        print_line(out, "getting ready; a first run compiles the simulator for some ten seconds")
+        print_line(
+            out, "getting ready; a first run compiles the simulator, for ten to twenty seconds"
+        )
 
     def begin(self, run: RunDirectory, config: RunConfig) -> None:
         """Open the display."""

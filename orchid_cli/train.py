@@ -84,7 +84,7 @@ def train(
 ) -> None:
     """Train one run: by default the paper's, 700 episodes of 200 slots with 6 UAVs.
 
-    Ctrl-C ends it between two updates and keeps what is done.
+    Ctrl-C ends it at the next step, after the update that may be due, and keeps what is done.
 
     Example: orchid train --uavs 8 --objective pf --no-rf --seed 3 --name pf-8
     """

@@ -23,6 +23,9 @@ def test_every_key_is_described():
     for key in configuration_keys():
         row = next(line for line in page.splitlines() if f"`{key}`" in line)
         assert row.count("|") >= 6 and not row.rstrip().endswith("| None |"), key
+    assert "| `training.worlds` | 1 |" in page
+    assert "| `reset.enabled` | true |" in page
+    assert "| `network.total_bandwidth_hz` | none |" in page
 
 
 @pytest.mark.parametrize("path", PROSE, ids=lambda path: path.name)
