@@ -81,11 +81,10 @@ class CentralizedCriticPolicy(ActorCriticPolicy):
             action_space,
             lr_schedule,
             net_arch=list(net_arch),
-            activation_fn=nn.ReLU,
             ortho_init=ortho_init,
             log_std_init=log_std_init,
             optimizer_kwargs=optimizer_kwargs or {"eps": 1e-5, "fused": True},
-            **kwargs,
+            **{**kwargs, "activation_fn": nn.ReLU},  # a saved policy comes with its own
         )
         self._squash_output = True  # has SB3's predict() call unscale_action
         self._is_unit_box = bool((action_space.low == -1).all() and (action_space.high == 1).all())

@@ -9,7 +9,7 @@ from mpe2 import simple_spread_v3
 from stable_baselines3.common.callbacks import BaseCallback
 from torch import nn
 
-from orchid_uav.agents import MAPPO
+from orchid_uav.agents import MAPPO, CentralizedCriticPolicy
 from orchid_uav.callbacks import EpisodeLog, ProgressSchedules, ResetAndFinetune
 from orchid_uav.envs import make_supersuit_vec_env, make_vec_env, parallel_env
 from orchid_uav.envs.centralized import CentralizedState
@@ -309,6 +309,14 @@ class TestOtherEnvironments:
         rows = []
         model.learn(4 * 20, callback=EpisodeLog(rows.extend))
         assert [row["episode"] for row in rows] == [1, 2, 3, 4]
+
+
+def test_the_policy_alone_saves_and_loads(tmp_path):
+    policy = small_model().policy
+    policy.save(tmp_path / "policy")
+    loaded = CentralizedCriticPolicy.load(tmp_path / "policy")
+    for first, second in zip(policy.parameters(), loaded.parameters(), strict=True):
+        assert torch.equal(first, second)
 
 
 def test_defaults_are_the_configurations():
