@@ -36,7 +36,8 @@ EPISODE_COLUMNS = (
 _WHOLE_NUMBERS = frozenset(
     {"episode", "collisions", "boundary_violations", "backhaul_violations", "reset"}
 )
-_FINAL_EPISODES = 50
+FINAL_EPISODES = 50
+"""Last episodes whose means are a run's final figures."""
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 _TRIES = 100
 
@@ -164,11 +165,11 @@ class RunDirectory:
 
 
 def final_figures(rows: Sequence[Row]) -> dict[str, float | None]:
-    """Means of the last 50 episodes, by column; empty if there was no episode.
+    """Means of the last ``FINAL_EPISODES`` episodes, by column; empty if there was no episode.
 
     None where a mean is not a finite number, which JSON cannot hold.
     """
-    last = rows[-_FINAL_EPISODES:]
+    last = rows[-FINAL_EPISODES:]
     if not last:
         return {}
     values = {

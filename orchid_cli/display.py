@@ -17,10 +17,9 @@ from rich.table import Table
 
 from orchid_uav.cli.console import print_line
 from orchid_uav.experiments.configuration import RunConfig
-from orchid_uav.experiments.run_directory import Row, RunDirectory
+from orchid_uav.experiments.run_directory import FINAL_EPISODES, Row, RunDirectory
 
 _SECONDS_BETWEEN_LINES = 5.0
-_RECENT = 50
 
 
 def figure_texts(figures: Row) -> dict[str, str]:
@@ -77,7 +76,7 @@ class _RunningFigures:
         return left * self.elapsed_s / max(len(self.rows), 1)
 
     def recent_means(self) -> Row:
-        recent = self.rows[-_RECENT:]
+        recent = self.rows[-FINAL_EPISODES:]
         return {name: sum(row[name] for row in recent) / len(recent) for name in recent[0]}
 
     def reset_state(self) -> str:
@@ -174,7 +173,7 @@ class LiveReporter:
         table = Table(box=None, pad_edge=False, header_style="dim")
         table.add_column("")
         table.add_column("last episode", justify="right")
-        table.add_column(f"mean of {min(_RECENT, len(figures.rows))}", justify="right")
+        table.add_column(f"mean of {min(FINAL_EPISODES, len(figures.rows))}", justify="right")
         for name, text in now.items():
             table.add_row(name, text, recent[name])
         table.add_row("learning rates", f"{last['actor_lr']:g} / {last['critic_lr']:g}", "")

@@ -129,13 +129,14 @@ def _reporter(out: Console, quiet: bool) -> "Reporter":
 
 def _print_outcome(out: Console, outcome: "TrainingOutcome") -> None:
     from orchid_uav.cli.display import figure_texts
+    from orchid_uav.experiments.run_directory import FINAL_EPISODES
 
     rows = len(outcome.rows)
     if rows:
         final = outcome.run.record["final"]
         print_table(
             out,
-            ["mean of the last episodes", str(min(rows, 50))],
+            ["mean of the last episodes", str(min(rows, FINAL_EPISODES))],
             [[name, text] for name, text in figure_texts(final).items()],
         )
     resets = ", ".join(map(str, outcome.reset_episodes)) or "none"
