@@ -13,6 +13,8 @@ from threadpoolctl import ThreadpoolController
 from orchid_uav.envs.parameters import Parameters
 
 _RANDOM_START_TRIES = 10_000
+_SENSING_STREAM, _START_STREAM = 1, 2
+"""Which of a topology's further streams of random numbers is meant."""
 
 
 class Deployment(NamedTuple):
@@ -93,22 +95,32 @@ def random_start(
 def deploy(
     users_m: NDArray[np.float64], parameters: Parameters, generator: np.random.Generator
 ) -> Deployment:
-    """Phase I as configured, with the sensing error of M29 and the random start of M28."""
+    """Phase I as configured, with the sensing error of M29 and the random start of M28.
+
+    Takes one number from ``generator`` whatever is configured, so that the draws that follow, and
+    with them the rest of the topology, are the same for every kind of start.
+    """
     network = parameters.network
+    seed = int(generator.integers(2**31))
     sensed_m = users_m
     if network.sensing_error_std_m > 0.0:
-        error_m = generator.normal(0.0, network.sensing_error_std_m, users_m.shape)
+        error_m = np.random.default_rng([seed, _SENSING_STREAM]).normal(
+            0.0, network.sensing_error_std_m, users_m.shape
+        )
         sensed_m = np.clip(users_m + error_m, 0.0, network.area_m)
     deployment = gbs_aware_kmeans(
         sensed_m,
         network.uav_count,
         parameters.gbs_position_m,
-        seed=int(generator.integers(2**31)),
+        seed=seed,
         n_init=parameters.deployment.n_init,
     )
     if parameters.deployment.init == "random":
         start_m = random_start(
-            network.uav_count, network.area_m, parameters.uav.min_separation_m, generator
+            network.uav_count,
+            network.area_m,
+            parameters.uav.min_separation_m,
+            np.random.default_rng([seed, _START_STREAM]),
         )
         deployment = deployment._replace(uav_positions_m=start_m)
     return deployment

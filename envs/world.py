@@ -1,6 +1,7 @@
 """B independent worlds, stepped together."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -42,6 +43,41 @@ def evaluation_seeds(seed: int, count: int) -> list[int]:
 def _hashed(sequence: np.random.SeedSequence) -> int:
     # 63 bits: seeds are stored in JSON and handed to libraries that take signed integers.
     return int(sequence.generate_state(1, np.uint64)[0] >> np.uint64(1))
+
+
+def _check(
+    name: str, values: NDArray[np.float64], shape: tuple[int, ...], limits: NDArray[np.float64]
+) -> None:
+    if values.shape != shape:
+        raise ValueError(f"{name} has shape {values.shape}, not {shape}")
+    if not ((values >= limits[0]) & (values <= limits[1])).all():  # NaN compares false
+        raise ValueError(f"{name} is not everywhere within its limits: {limits.tolist()}")
+
+
+class Topologies(NamedTuple):
+    """What a new episode draws at random, for B worlds: users, Phase I, shadowing, walks."""
+
+    users_m: NDArray[np.float64]
+    """Horizontal user positions, (B, M, 2)."""
+    target_users: NDArray[np.bool_]
+    """True for G_UAV, (B, M)."""
+    start_m: NDArray[np.float64]
+    """Horizontal start of every UAV, (B, N, 2)."""
+    shadowing_db: NDArray[np.float64]
+    """Of the GBS's links, (B, M)."""
+    walk_keys: NDArray[np.uint64]
+    """Seeds of the users' random walks, (B,)."""
+
+    @classmethod
+    def empty(cls, worlds: int, uavs: int, users: int) -> "Topologies":
+        """Arrays of the right shapes and types, all zero."""
+        return cls(
+            np.zeros((worlds, users, 2)),
+            np.zeros((worlds, users), np.bool_),
+            np.zeros((worlds, uavs, 2)),
+            np.zeros((worlds, users)),
+            np.zeros(worlds, np.uint64),
+        )
 
 
 class WorldBatch:
@@ -111,26 +147,73 @@ class WorldBatch:
     def reset(self, worlds: ArrayLike | None = None) -> None:
         """Begin a new episode in the given worlds (indices), or in all: new users, Phase I."""
         chosen = np.arange(self.world_count) if worlds is None else np.asarray(worlds, np.int64)
-        for world in chosen:
-            self._draw_topology(int(world))
-        begin_episodes(self.constants, self.arrays, chosen)
+        self.begin(self.draw_topologies(chosen), chosen)
 
-    def _draw_topology(self, world: int) -> None:
-        parameters, generator = self.parameters, self.generators[world]
+    def draw_topologies(self, worlds: ArrayLike | None = None) -> Topologies:
+        """Draw what new episodes of the given worlds, or of all, would begin with.
+
+        Worlds of equal seeds that differ in nothing but reward, shares, start or a policy draw the
+        same users, targets, shadowing and walks.
+        """
+        chosen = np.arange(self.world_count) if worlds is None else np.asarray(worlds, np.int64)
+        drawn = Topologies.empty(len(chosen), self.uav_count, self.user_count)
+        for row, world in enumerate(chosen):
+            self._draw_topology(drawn, row, self.generators[world])
+        return drawn
+
+    def begin(self, topologies: Topologies, worlds: ArrayLike | None = None) -> None:
+        """Begin an episode on given topologies, one for each of the given worlds, or of all."""
+        chosen = np.arange(self.world_count) if worlds is None else np.asarray(worlds, np.int64)
+        arrays, uav = self.arrays, self.parameters.uav
+        arrays.users_m[chosen] = topologies.users_m.transpose(0, 2, 1)
+        arrays.target_users[chosen] = topologies.target_users
+        arrays.positions_m[chosen, :, :2] = topologies.start_m
+        arrays.positions_m[chosen, :, 2] = uav.initial_altitude_m
+        arrays.transmit_powers_w[chosen] = uav.start_power_w
+        arrays.walk_key[chosen] = topologies.walk_keys
+        self._shadowing_db[chosen] = topologies.shadowing_db
+        begin_episodes(self.constants, arrays, chosen)
+
+    def place(self, positions_m: ArrayLike, transmit_powers_w: ArrayLike | None = None) -> None:
+        """Have all UAVs begin elsewhere than Phase I puts them, before the first slot.
+
+        Args:
+            positions_m: (B, N, 3), inside the flight box.
+            transmit_powers_w: (B, N), within the limits; by default as they are.
+
+        Raises:
+            ValueError: a shape or a value that does not fit.
+            RuntimeError: an episode has gone on already, or none has begun.
+        """
+        if self.arrays.slot.any():
+            raise RuntimeError("UAVs can be placed only between reset() and the first step()")
+        uav, area_m = self.parameters.uav, self.parameters.network.area_m
+        positions = np.asarray(positions_m, np.float64)
+        low, high = (0.0, 0.0, uav.min_altitude_m), (area_m, area_m, uav.max_altitude_m)
+        _check("positions_m", positions, self.arrays.positions_m.shape, np.array([low, high]))
+        if transmit_powers_w is not None:
+            powers_w = np.asarray(transmit_powers_w, np.float64)
+            limits = np.array([uav.min_transmit_power_w, uav.max_transmit_power_w])
+            _check("transmit_powers_w", powers_w, self.arrays.transmit_powers_w.shape, limits)
+            self.arrays.transmit_powers_w[:] = powers_w
+        self.arrays.positions_m[:] = positions
+        begin_episodes(self.constants, self.arrays, np.arange(self.world_count))
+
+    def _draw_topology(
+        self, drawn: Topologies, row: int, generator: np.random.Generator
+    ) -> None:
+        parameters = self.parameters
         users_m = self._given_users_m
         if users_m is None:
             users_m = draw_user_positions(parameters.network, generator)
         deployment = deploy(users_m, parameters, generator)
-        arrays = self.arrays
-        arrays.users_m[world] = users_m.T
-        arrays.target_users[world] = deployment.target_users
-        arrays.positions_m[world, :, :2] = deployment.uav_positions_m
-        arrays.positions_m[world, :, 2] = parameters.uav.initial_altitude_m
-        arrays.transmit_powers_w[world] = parameters.uav.start_power_w
-        self._shadowing_db[world] = generator.normal(
+        drawn.users_m[row] = users_m
+        drawn.target_users[row] = deployment.target_users
+        drawn.start_m[row] = deployment.uav_positions_m
+        drawn.shadowing_db[row] = generator.normal(
             0.0, parameters.gbs.shadowing_std_db, self.user_count
         )
-        arrays.walk_key[world] = generator.integers(2**64, dtype=np.uint64)
+        drawn.walk_keys[row] = generator.integers(2**64, dtype=np.uint64)
 
     def step(self, actions: ArrayLike) -> None:
         """Move every world on by one slot; the outcome is in ``arrays``.
