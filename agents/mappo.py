@@ -11,14 +11,13 @@ from stable_baselines3.common.buffers import RolloutBuffer
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.type_aliases import GymEnv, Schedule
-from stable_baselines3.common.utils import FloatSchedule, explained_variance
+from stable_baselines3.common.utils import explained_variance
 from stable_baselines3.common.vec_env import VecEnv
 from torch.nn import functional
 
+from orchid_uav.agents.centralized import CentralizedTraining, Rows
 from orchid_uav.agents.policies import CentralizedCriticPolicy
 from orchid_uav.agents.rollout import CentralizedRolloutBuffer, MiniBatch
-
-Rows = dict[str, NDArray[np.float32]]
 
 _FIGURES = ("policy_gradient_loss", "value_loss", "entropy", "approx_kl", "clip_fraction")
 _KL_FIGURE = _FIGURES.index("approx_kl")
@@ -26,7 +25,7 @@ _ROWS_PER_FORWARD = 8192
 """Rows of one forward pass without gradients, which bounds the memory of large batches."""
 
 
-class MAPPO(PPO):
+class MAPPO(CentralizedTraining, PPO):
     """PPO with one actor shared by all agents and a critic that sees the global state.
 
     Runs on any SB3 ``VecEnv`` whose observations are {"observation", "state"} and whose rows are
@@ -71,8 +70,6 @@ class MAPPO(PPO):
         **kwargs: Any,
     ) -> None:
         self.critic_learning_rate = critic_learning_rate
-        self.learning_rate_scale = 1.0
-        """Factor on both learning rates; Reset-and-Finetune lowers it."""
         with warnings.catch_warnings():
             # A rollout of T·N samples is what the paper updates on, whether 128 divides it or not.
             warnings.filterwarnings("ignore", message=".*truncated mini-batch.*")
@@ -91,40 +88,14 @@ class MAPPO(PPO):
             )
 
     def _setup_model(self) -> None:
-        # A model that is loaded without an environment keeps the number that it was saved with.
-        self.agents_per_world = getattr(self, "agents_per_world", 1)
-        if self.env is not None and self.env.has_attr("agents_per_world"):
-            self.agents_per_world = int(self.env.get_attr("agents_per_world", [0])[0])
+        self._find_agents_per_world()
         self.rollout_buffer_kwargs = {"agents_per_world": self.agents_per_world}
         super()._setup_model()
         self._update_learning_rate(self.policy.optimizer)
 
-    def _setup_lr_schedule(self) -> None:
-        super()._setup_lr_schedule()
-        self.critic_lr_schedule = FloatSchedule(self.critic_learning_rate)
-
-    @property
-    def learning_rates(self) -> tuple[float, float]:
-        """The actor's and the critic's learning rates in force."""
-        progress = self._current_progress_remaining
-        return (
-            self.lr_schedule(progress) * self.learning_rate_scale,
-            self.critic_lr_schedule(progress) * self.learning_rate_scale,
-        )
-
-    @property
-    def optimizers(self) -> list[torch.optim.Optimizer]:
-        """All optimizers; Reset-and-Finetune clears their states."""
-        return [self.policy.optimizer]
-
-    def _update_learning_rate(
-        self, optimizers: list[torch.optim.Optimizer] | torch.optim.Optimizer
-    ) -> None:
-        """Give each parameter group its own rate; SB3 would give all of them the first one."""
-        for group, rate in zip(
-            self.policy.optimizer.param_groups, self.learning_rates, strict=True
-        ):
-            group["lr"] = rate
+    def exploration_log_std(self) -> NDArray[np.float32]:
+        """Log standard deviation (A,) of the noise on actions in [-1, 1]."""
+        return self.policy.log_std.detach().cpu().numpy()
 
     def collect_rollouts(
         self,
@@ -167,14 +138,6 @@ class MAPPO(PPO):
         callback.update_locals(locals())
         callback.on_rollout_end()
         return True
-
-    def _last_rows(self) -> tuple[Rows, NDArray[np.bool_]]:
-        """The latest observation, and which rows begin an episode with it."""
-        return cast(Rows, self._last_obs), cast(NDArray[np.bool_], self._last_episode_starts)
-
-    def _rows_within_budget(self, rows: int, steps: int) -> int:
-        worlds_left = (self._total_timesteps - self.num_timesteps) / (steps * self.agents_per_world)
-        return min(rows, max(1, int(np.ceil(worlds_left))) * self.agents_per_world)
 
     def _evaluate_rollout(self, time_limits: list[tuple[int, int, NDArray[np.float32]]]) -> None:
         """Values, log probabilities, advantages; a time limit is no end of the return (M15)."""
@@ -264,8 +227,7 @@ class MAPPO(PPO):
         return loss, figures
 
     def _log_update(self, figures: torch.Tensor) -> None:
-        for group in self.policy.optimizer.param_groups:
-            self.logger.record(f"train/{group['name']}_learning_rate", group["lr"])
+        self._log_learning_rates()
         for name, figure in zip(_FIGURES, figures.tolist(), strict=True):
             self.logger.record(f"train/{name}", figure)
         rows = self.rollout_buffer.rows

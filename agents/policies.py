@@ -1,35 +1,29 @@
 """Actor on local observations, critic on the global state."""
 
-import math
 from collections.abc import Sequence
-from functools import partial
 from typing import Any, cast
 
-import numpy as np
 import torch
 from gymnasium import spaces
-from numpy.typing import NDArray
 from stable_baselines3.common.distributions import DiagGaussianDistribution, Distribution
 from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.type_aliases import Schedule
 from torch import nn
 
-HIDDEN_SIZES = (256, 256, 256)
-"""Hidden layers of both networks (Section VI-A)."""
+from orchid_uav.agents.networks import (
+    HIDDEN_SIZES,
+    LAST_ACTOR_GAIN,
+    LAST_CRITIC_GAIN,
+    LocalActorPolicy,
+    check_spaces,
+    initialise_orthogonally,
+    perceptron,
+)
 
 Observations = dict[str, torch.Tensor]
 
 
-def perceptron(inputs: int, hidden_sizes: Sequence[int], outputs: int) -> nn.Sequential:
-    """A multi-layer perceptron with ReLU between its layers."""
-    layers: list[nn.Module] = []
-    for size in hidden_sizes:
-        layers += [nn.Linear(inputs, size), nn.ReLU(inplace=True)]
-        inputs = size
-    return nn.Sequential(*layers, nn.Linear(inputs, outputs))
-
-
-class CentralizedCriticPolicy(ActorCriticPolicy):
+class CentralizedCriticPolicy(LocalActorPolicy, ActorCriticPolicy):
     """Two separate networks: the actor reads "observation", the critic "state".
 
     SB3's own ``MultiInputPolicy`` lets the actor see both, so that it could not fly without the
@@ -41,8 +35,7 @@ class CentralizedCriticPolicy(ActorCriticPolicy):
 
     Args:
         observation_space: Dict with the flat boxes "observation" and "state".
-        action_space: flat, bounded box. Networks and noise act in [-1, 1]; boxes with other bounds
-            are reached by :meth:`unscale_action`.
+        action_space: flat, bounded box.
         lr_schedule: learning rate of both groups until :class:`MAPPO` sets each its own.
         net_arch: hidden layers of both networks.
         log_std_init: first value of the log standard deviation.
@@ -52,7 +45,6 @@ class CentralizedCriticPolicy(ActorCriticPolicy):
     """
 
     observation_space: spaces.Dict
-    action_space: spaces.Box
 
     def __init__(
         self,
@@ -65,15 +57,7 @@ class CentralizedCriticPolicy(ActorCriticPolicy):
         optimizer_kwargs: dict[str, Any] | None = None,
         **kwargs: Any,
     ) -> None:
-        if not isinstance(observation_space, spaces.Dict) or not {"observation", "state"} <= set(
-            observation_space.spaces
-        ):
-            raise TypeError(
-                'the observation space is not a Dict with "observation" and "state": wrap the '
-                "environment in orchid_uav.envs.CentralizedState"
-            )
-        if not isinstance(action_space, spaces.Box) or not action_space.is_bounded():
-            raise TypeError(f"the action space is {action_space}, not a bounded Box")
+        check_spaces(observation_space, action_space)
         if kwargs.get("use_sde"):
             raise ValueError("use_sde is not supported: the noise does not depend on the state")
         super().__init__(
@@ -87,12 +71,6 @@ class CentralizedCriticPolicy(ActorCriticPolicy):
             **{**kwargs, "activation_fn": nn.ReLU},  # a saved policy comes with its own
         )
         self._squash_output = True  # has SB3's predict() call unscale_action
-        self._is_unit_box = bool((action_space.low == -1).all() and (action_space.high == 1).all())
-
-    def unscale_action(self, scaled_action: np.ndarray) -> np.ndarray:
-        """From [-1, 1], where samples beyond are clipped (M20), to the action space's bounds."""
-        clipped = np.clip(scaled_action, -1.0, 1.0)
-        return clipped if self._is_unit_box else super().unscale_action(clipped)
 
     def _build(self, lr_schedule: Schedule) -> None:
         observation_size = spaces.flatdim(self.observation_space["observation"])
@@ -103,9 +81,8 @@ class CentralizedCriticPolicy(ActorCriticPolicy):
         self.critic = perceptron(state_size, hidden_sizes, 1)
         self.log_std = nn.Parameter(torch.full((action_size,), float(self.log_std_init)))
         if self.ortho_init:
-            for network, last_gain in ((self.actor, 0.01), (self.critic, 1.0)):
-                network.apply(partial(self.init_weights, gain=math.sqrt(2.0)))
-                self.init_weights(network[-1], gain=last_gain)
+            initialise_orthogonally(self.actor, LAST_ACTOR_GAIN)
+            initialise_orthogonally(self.critic, LAST_CRITIC_GAIN)
         self.optimizer = self.optimizer_class(
             [
                 {"params": self.actor_parameters(), "name": "actor"},
@@ -122,21 +99,6 @@ class CentralizedCriticPolicy(ActorCriticPolicy):
     def critic_parameters(self) -> list[nn.Parameter]:
         """The critic's weights."""
         return list(self.critic.parameters())
-
-    def actor_layers(self) -> list[tuple[NDArray[np.float32], NDArray[np.float32]]]:
-        """Copies of the actor's weights (out, in) and biases (out,), layer by layer."""
-        return [
-            (
-                layer.weight.detach().cpu().numpy().copy(),
-                layer.bias.detach().cpu().numpy().copy(),
-            )
-            for layer in self.actor
-            if isinstance(layer, nn.Linear)
-        ]
-
-    def action_mean(self, observation: torch.Tensor) -> torch.Tensor:
-        """Deterministic action (rows, A) in [-1, 1] for local observations (rows, O)."""
-        return torch.tanh(self.actor(observation))
 
     def state_value(self, state: torch.Tensor) -> torch.Tensor:
         """Value (rows,) of global states (rows, S)."""

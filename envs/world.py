@@ -199,9 +199,7 @@ class WorldBatch:
         self.arrays.positions_m[:] = positions
         begin_episodes(self.constants, self.arrays, np.arange(self.world_count))
 
-    def _draw_topology(
-        self, drawn: Topologies, row: int, generator: np.random.Generator
-    ) -> None:
+    def _draw_topology(self, drawn: Topologies, row: int, generator: np.random.Generator) -> None:
         parameters = self.parameters
         users_m = self._given_users_m
         if users_m is None:

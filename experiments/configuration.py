@@ -57,6 +57,45 @@ class PpoParameters(Section):
     """Adam's epsilon (M31)."""
 
 
+class MaddpgParameters(Section):
+    """MADDPG; what the paper does not give is decision M32."""
+
+    actor_learning_rate: Positive = 1e-4
+    """Learning rate of the actor, as eta_actor."""
+    critic_learning_rate: Positive = 1e-3
+    """Learning rate of the critic, as eta_critic."""
+    discount: Fraction = 0.99
+    """Discount factor gamma_df."""
+    batch_size: Annotated[int, Field(ge=2)] = 128
+    """Whole-fleet transitions per update."""
+    buffer_size: Annotated[int, Field(ge=2)] = 100_000
+    """Whole-fleet transitions kept for replay (M32)."""
+    target_rate: Annotated[float, Field(gt=0, le=1)] = 0.01
+    """Share of the networks that their targets take over at an update (M32)."""
+    exploration_std: NotNegative = 0.1
+    """Standard deviation of the Gaussian noise on actions in [-1, 1] (M32)."""
+    update_every_slots: Annotated[int, Field(ge=1)] = 4
+    """Slots between two updates (M32)."""
+    max_grad_norm: Positive = 0.5
+    """Gradient norm at which actor and critic are clipped, each by itself."""
+    hidden_sizes: Annotated[tuple[Annotated[int, Field(ge=1)], ...], Field(min_length=1)] = (
+        256,
+        256,
+        256,
+    )
+    """Hidden layers of actor and critic."""
+    adam_epsilon: Positive = 1e-5
+    """Adam's epsilon."""
+
+    @model_validator(mode="after")
+    def _buffer_holds_a_batch(self) -> "MaddpgParameters":
+        if self.buffer_size < self.batch_size:
+            raise ValueError(
+                f"buffer_size is {self.buffer_size}, less than batch_size = {self.batch_size}"
+            )
+        return self
+
+
 class ResetParameters(Section):
     """Reset-and-Finetune."""
 
@@ -77,8 +116,8 @@ class ResetParameters(Section):
 class TrainingParameters(Section):
     """How long, from which seed, with which algorithm."""
 
-    algorithm: Literal["mappo"] = "mappo"
-    """Learning algorithm."""
+    algorithm: Literal["mappo", "maddpg"] = "mappo"
+    """Learning algorithm; `maddpg` comes without Reset-and-Finetune unless it is asked for."""
     episodes: Annotated[int, Field(ge=1)] = 700
     """Training episodes E_max."""
     seed: Annotated[int, Field(ge=0, lt=2**32)] = 0
@@ -94,6 +133,8 @@ class RunConfig(Parameters):
 
     ppo: PpoParameters = PpoParameters()
     """MAPPO."""
+    maddpg: MaddpgParameters = MaddpgParameters()
+    """MADDPG."""
     reset: ResetParameters = ResetParameters()
     """Reset-and-Finetune."""
     training: TrainingParameters = TrainingParameters()
@@ -117,6 +158,9 @@ class RunConfig(Parameters):
 
 PRESETS: dict[str, dict[str, dict[str, Any]]] = {"paper": {}}
 """Built-in configurations as differences from the defaults, which are the paper's."""
+
+ALGORITHM_DEFAULTS: dict[str, dict[str, Any]] = {"maddpg": {"reset.enabled": False}}
+"""What differs from the defaults with an algorithm: Reset-and-Finetune is ORCHID's own."""
 
 UNITS = {
     "bit_per_joule": "bit/J",
@@ -218,7 +262,8 @@ def merge(layers: Iterable[Layer]) -> tuple[RunConfig, dict[str, str]]:
     keys = configuration_keys()
     values: dict[str, Any] = {}
     sources = dict.fromkeys(keys, "default")
-    for layer in layers:
+    given = list(layers)
+    for layer in [*_algorithm_layers(given), *given]:
         for key, value in layer.values.items():
             if key not in sources:
                 raise InputError(f"{_unknown('key', key, keys)} (from {layer.source})")
@@ -232,6 +277,17 @@ def merge(layers: Iterable[Layer]) -> tuple[RunConfig, dict[str, str]]:
         return RunConfig.model_validate(nested), sources
     except ValidationError as error:
         raise InputError(_describe(error, sources)) from error
+
+
+def _algorithm_layers(layers: Iterable[Layer]) -> list[Layer]:
+    chosen = [
+        layer.values["training.algorithm"]
+        for layer in layers
+        if "training.algorithm" in layer.values
+    ]
+    if not chosen or not isinstance(chosen[-1], str) or chosen[-1] not in ALGORITHM_DEFAULTS:
+        return []
+    return [Layer(f"algorithm {chosen[-1]}", ALGORITHM_DEFAULTS[chosen[-1]])]
 
 
 def _parse(text: str) -> Any:

@@ -13,6 +13,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Logger
 
 from orchid_uav.agents.actor import policy_files
+from orchid_uav.agents.maddpg import MADDPG
 from orchid_uav.agents.mappo import MAPPO
 from orchid_uav.callbacks import (
     EpisodeLog,
@@ -75,8 +76,16 @@ class TrainingOutcome:
         }
 
 
-def build_model(config: RunConfig, env: FleetVecEnv) -> MAPPO:
+def build_model(config: RunConfig, env: FleetVecEnv) -> MAPPO | MADDPG:
     """The learner of a configuration."""
+    return _build_maddpg(config, env) if _is_maddpg(config) else _build_mappo(config, env)
+
+
+def _is_maddpg(config: RunConfig) -> bool:
+    return config.training.algorithm == "maddpg"
+
+
+def _build_mappo(config: RunConfig, env: FleetVecEnv) -> MAPPO:
     ppo, training = config.ppo, config.training
     return MAPPO(
         "CentralizedCriticPolicy",
@@ -96,6 +105,30 @@ def build_model(config: RunConfig, env: FleetVecEnv) -> MAPPO:
             "net_arch": ppo.hidden_sizes,
             "log_std_init": ppo.log_std_init,
             "optimizer_kwargs": {"eps": ppo.adam_epsilon, "fused": True},
+        },
+        seed=training.seed,
+    )
+
+
+def _build_maddpg(config: RunConfig, env: FleetVecEnv) -> MADDPG:
+    maddpg, training = config.maddpg, config.training
+    return MADDPG(
+        "JointCriticPolicy",
+        env,
+        learning_rate=maddpg.actor_learning_rate,
+        critic_learning_rate=maddpg.critic_learning_rate,
+        buffer_size=maddpg.buffer_size,
+        batch_size=maddpg.batch_size,
+        target_rate=maddpg.target_rate,
+        gamma=maddpg.discount,
+        update_every=maddpg.update_every_slots,
+        gradient_steps=training.worlds,
+        exploration_std=maddpg.exploration_std,
+        max_grad_norm=maddpg.max_grad_norm,
+        episode_steps=config.network.episode_slots,
+        policy_kwargs={
+            "net_arch": maddpg.hidden_sizes,
+            "optimizer_kwargs": {"eps": maddpg.adam_epsilon, "fused": True},
         },
         seed=training.seed,
     )
@@ -184,7 +217,7 @@ def _learn(
     reporter: Reporter,
     trackers: Sequence[SafeTracker],
     interruption: Interruption,
-) -> MAPPO:
+) -> MAPPO | MADDPG:
     set_up_torch(config.training.threads)
     env = FleetVecEnv(config.network_parameters, config.training.worlds, config.training.seed)
     _compile(env)
@@ -205,7 +238,9 @@ def _learn(
 
     callbacks: list[BaseCallback] = [
         EpisodeLog(take, reset_and_finetune),
-        ProgressSchedules(config.training.episodes, config.ppo.entropy_coef),
+        ProgressSchedules(
+            config.training.episodes, None if _is_maddpg(config) else config.ppo.entropy_coef
+        ),
         StopOnRequest(lambda: interruption.requested),
     ]
     if reset_and_finetune is not None:
@@ -230,10 +265,12 @@ def _figures(row: Row, learner: Mapping[str, Any]) -> dict[str, float]:
     return episode | {name: float(value) for name, value in learner.items()}
 
 
-def _describe_policy(config: RunConfig, outcome: TrainingOutcome, model: MAPPO) -> dict[str, bytes]:
+def _describe_policy(
+    config: RunConfig, outcome: TrainingOutcome, model: MAPPO | MADDPG
+) -> dict[str, bytes]:
     return policy_files(
         model.policy.actor_layers(),
-        model.policy.log_std.detach().cpu().numpy(),
+        model.exploration_log_std(),
         {
             "run": outcome.run.id,
             "algorithm": config.training.algorithm,

@@ -50,7 +50,7 @@ WorldsOption = Annotated[
     int | None, _option(_LEARNING, "Worlds flown side by side (default: 1); same sample budget.")
 ]
 AlgorithmOption = Annotated[
-    Literal["mappo"] | None, _option(_LEARNING, "Learning algorithm (default: mappo).")
+    Literal["mappo", "maddpg"] | None, _option(_LEARNING, "Learning algorithm (default: mappo).")
 ]
 KappaOption = Annotated[
     float | None, _option(_LEARNING, "Factor on the learning rates at a reset (paper: 0.5).")

@@ -1,0 +1,81 @@
+"""What every learner's policy has in common: the local actor, and how networks begin."""
+
+import math
+from collections.abc import Sequence
+from functools import cached_property, partial
+from typing import Any
+
+import numpy as np
+import torch
+from gymnasium import spaces
+from numpy.typing import NDArray
+from stable_baselines3.common.policies import BasePolicy
+from torch import nn
+
+HIDDEN_SIZES = (256, 256, 256)
+"""Hidden layers of actor and critic (Section VI-A)."""
+
+LAST_ACTOR_GAIN, LAST_CRITIC_GAIN = 0.01, 1.0
+
+
+def perceptron(inputs: int, hidden_sizes: Sequence[int], outputs: int) -> nn.Sequential:
+    """A multi-layer perceptron with ReLU between its layers."""
+    layers: list[nn.Module] = []
+    for size in hidden_sizes:
+        layers += [nn.Linear(inputs, size), nn.ReLU(inplace=True)]
+        inputs = size
+    return nn.Sequential(*layers, nn.Linear(inputs, outputs))
+
+
+def initialise_orthogonally(network: nn.Sequential, last_gain: float) -> None:
+    """Orthogonal weights with gain sqrt(2), ``last_gain`` for the last layer; biases 0 (M31)."""
+    network.apply(partial(BasePolicy.init_weights, gain=math.sqrt(2.0)))
+    BasePolicy.init_weights(network[-1], gain=last_gain)
+
+
+def check_spaces(observation_space: spaces.Space[Any], action_space: spaces.Space[Any]) -> None:
+    """Raise TypeError where centralised training of a local actor is not possible."""
+    if not isinstance(observation_space, spaces.Dict) or not {"observation", "state"} <= set(
+        observation_space.spaces
+    ):
+        raise TypeError(
+            'the observation space is not a Dict with "observation" and "state": wrap the '
+            "environment in orchid_uav.envs.CentralizedState"
+        )
+    if not isinstance(action_space, spaces.Box) or not action_space.is_bounded():
+        raise TypeError(f"the action space is {action_space}, not a bounded Box")
+
+
+class LocalActorPolicy(BasePolicy):
+    """Mixin of policies whose attribute ``actor`` maps local observations to actions.
+
+    The deterministic action is ``tanh(MLP(observation))`` in [-1, 1] (decision M20); boxes with
+    other bounds are reached by :meth:`unscale_action`.
+    """
+
+    actor: nn.Sequential
+    action_space: spaces.Box
+
+    def action_mean(self, observation: torch.Tensor) -> torch.Tensor:
+        """Deterministic action (rows, A) in [-1, 1] for local observations (rows, O)."""
+        return torch.tanh(self.actor(observation))
+
+    def unscale_action(self, scaled_action: np.ndarray) -> np.ndarray:
+        """From [-1, 1], where samples beyond are clipped (M20), to the action space's bounds."""
+        clipped = np.clip(scaled_action, -1.0, 1.0)
+        return clipped if self._is_unit_box else super().unscale_action(clipped)
+
+    @cached_property
+    def _is_unit_box(self) -> bool:
+        return bool((self.action_space.low == -1).all() and (self.action_space.high == 1).all())
+
+    def actor_layers(self) -> list[tuple[NDArray[np.float32], NDArray[np.float32]]]:
+        """Copies of the actor's weights (out, in) and biases (out,), layer by layer."""
+        return [
+            (
+                layer.weight.detach().cpu().numpy().copy(),
+                layer.bias.detach().cpu().numpy().copy(),
+            )
+            for layer in self.actor
+            if isinstance(layer, nn.Linear)
+        ]
