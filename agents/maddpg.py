@@ -51,6 +51,8 @@ class MADDPG(CentralizedTraining, OffPolicyAlgorithm):
         update_every: steps of the environment from one update to the next.
         gradient_steps: updates then; as many as there are worlds keeps their number per transition.
         exploration_std: standard deviation of the Gaussian noise on actions in [-1, 1].
+        preactivation_penalty: weight of the mean squared actor's output before tanh in its loss, as
+            in the authors' code: a saturated tanh has no gradient left to learn from.
         max_grad_norm: gradient norm at which actor and critic are clipped, each by itself.
         episode_steps: steps of an episode, if it is always the same: where fewer episodes are left
             than worlds, the surplus worlds' steps are neither counted nor learned from (M33).
@@ -77,6 +79,7 @@ class MADDPG(CentralizedTraining, OffPolicyAlgorithm):
         update_every: int = 4,
         gradient_steps: int = 1,
         exploration_std: float = 0.1,
+        preactivation_penalty: float = 1e-3,
         max_grad_norm: float = 0.5,
         episode_steps: int | None = None,
         policy_kwargs: dict[str, Any] | None = None,
@@ -86,6 +89,7 @@ class MADDPG(CentralizedTraining, OffPolicyAlgorithm):
     ) -> None:
         self.critic_learning_rate = critic_learning_rate
         self.exploration_std = exploration_std
+        self.preactivation_penalty = preactivation_penalty
         self.max_grad_norm = max_grad_norm
         self.episode_steps = episode_steps
         super().__init__(
@@ -196,9 +200,10 @@ class MADDPG(CentralizedTraining, OffPolicyAlgorithm):
         return functional.mse_loss(self.policy.joint_value(batch.states, batch.actions), wanted)
 
     def actor_loss(self, batch: JointBatch) -> torch.Tensor:
-        """Minus the mean value of the joint action that the actor would take now."""
-        actions = self.policy.action_mean(batch.observations)
-        return -self.policy.joint_value(batch.states, actions).mean()
+        """Minus the mean value of the joint action that the actor would take, plus the penalty."""
+        preactivations = self.policy.actor(batch.observations)
+        value = self.policy.joint_value(batch.states, torch.tanh(preactivations)).mean()
+        return self.preactivation_penalty * preactivations.square().mean() - value
 
     def _descend(self, loss: torch.Tensor, parameters: list[torch.nn.Parameter]) -> None:
         """A step of Adam on these parameters alone: those without a gradient stay as they are."""

@@ -92,7 +92,7 @@ def find_strongest(
         strongest_power_w[user] = np.inf
         if target_users[user]:
             uav = int(strongest[user])
-            strongest_power_w[user] = _received_power_w(
+            strongest_power_w[user] = link_power_w(
                 powers_w[uav],
                 near_distance_squared[user],
                 positions_m[uav, 2],
@@ -114,22 +114,21 @@ def find_strongest(
             may_be_stronger[user] = (is_higher & can_reach) | (not LOSS_ALLOWS_PRUNING)
         for user in range(users):
             if may_be_stronger[user]:
-                received_w = _received_power_w(
-                    power_w, row[user], altitude_m, link, antenna_gain_db
-                )
+                received_w = link_power_w(power_w, row[user], altitude_m, link, antenna_gain_db)
                 best_w = strongest_power_w[user]
                 if received_w > best_w or (received_w == best_w and uav < strongest[user]):
                     strongest[user], strongest_power_w[user] = float(uav), received_w
 
 
 @njit(error_model="numpy")
-def _received_power_w(
+def link_power_w(
     transmit_power_w: float,
     distance_squared_m2: float,
     altitude_m: float,
     link: tuple[float, ...],
     antenna_gain_db: float,
 ) -> float:
+    """Power in W that a user receives over one access link, from squared 3-D distance in m²."""
     ground_squared = max(distance_squared_m2 - altitude_m * altitude_m, 0.0)
     path_loss_db = air_to_ground_path_loss_db(np.sqrt(ground_squared), altitude_m, *link)
     return received_power_w(transmit_power_w, antenna_gain_db, path_loss_db)

@@ -49,17 +49,42 @@ def gbs_aware_kmeans(
         raise ValueError("user positions are not finite numbers of shape (users, 2)")
     if len(positions) < uavs + 1:
         raise ValueError(f"{len(positions)} users cannot form {uavs + 1} clusters")
-    clustering = KMeans(n_clusters=uavs + 1, init="k-means++", n_init=n_init, random_state=seed)
-    with warnings.catch_warnings(), _openmp().limit(limits=1, user_api="openmp"):
-        # Fewer distinct positions than clusters is unusual but valid: some UAVs start together.
-        warnings.simplefilter("ignore", ConvergenceWarning)
-        clustering.fit(positions)
+    clustering = _fit(
+        KMeans(n_clusters=uavs + 1, init="k-means++", n_init=n_init, random_state=seed), positions
+    )
     centroids, labels = clustering.cluster_centers_, clustering.labels_
     gbs_distance = np.linalg.norm(centroids - np.asarray(gbs, dtype=np.float64)[:2], axis=1)
     gbs_cluster = int(np.argmin(gbs_distance))
     return Deployment(
         np.delete(centroids, gbs_cluster, axis=0), labels != gbs_cluster, centroids, labels
     )
+
+
+def kmeans_centroids(
+    users_m: NDArray[np.float64],
+    clusters: int,
+    seed: int | None = None,
+    start_m: NDArray[np.float64] | None = None,
+) -> NDArray[np.float64]:
+    """Centroids (clusters, 2) of one K-Means run over users (M, 2), all of them to be served.
+
+    Args:
+        users_m: positions in m.
+        clusters: number of centroids; where there are fewer users, some centroids coincide.
+        seed: of the K-Means++ seeding.
+        start_m: centroids to go on from instead, (clusters, 2).
+    """
+    if len(users_m) < clusters:
+        users_m = np.resize(users_m, (clusters, 2))
+    init = "k-means++" if start_m is None else start_m
+    return _fit(KMeans(clusters, init=init, n_init=1, random_state=seed), users_m).cluster_centers_
+
+
+def _fit(clustering: KMeans, positions_m: NDArray[np.float64]) -> KMeans:
+    with warnings.catch_warnings(), _openmp().limit(limits=1, user_api="openmp"):
+        # Fewer distinct positions than clusters is unusual but valid: some UAVs start together.
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        return clustering.fit(positions_m)
 
 
 @cache

@@ -5,10 +5,6 @@ to what; the equations themselves are those modules' functions. ``step_worlds`` 
 in the order of decision M25: UAVs, transmit powers, users, association, rates, reward.
 """
 
-import hashlib
-from collections.abc import Callable
-from pathlib import Path
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -16,6 +12,7 @@ from numpy.typing import NDArray
 from orchid_uav.envs.arrays import HISTOGRAM_CELLS, Constants, Floats, Worlds
 from orchid_uav.envs.association import find_strongest, measure_distances
 from orchid_uav.envs.channel import backhaul_snr, signal_to_noise_ratio, spectral_efficiency
+from orchid_uav.envs.compilation import SOURCES, compiled
 from orchid_uav.envs.fairness import jain_index_from_sums
 from orchid_uav.envs.kinematics import (
     clipped,
@@ -57,33 +54,13 @@ Scratch = tuple[Floats, Floats, Floats]
 """Squared distances (N, M), strongest UAV (M,) and its power (M,) of the world at hand."""
 
 
-def _digest_of_sources() -> str:
-    digest = hashlib.sha256()
-    for path in sorted(Path(__file__).parent.glob("*.py")):
-        digest.update(path.read_bytes())
-    return digest.hexdigest()
-
-
-_SOURCES = _digest_of_sources()
-"""Default of an unused argument of the compiled functions. numba stores compiled code under the
-types of the arguments, which include defaults, and under the file of the function alone: without
-this, an equation changed in another file would go on unchanged in the cache."""
-
-
-def _compiled(function: Callable[..., None]) -> Callable[..., None]:
-    try:
-        return njit(cache=True, error_model="numpy")(function)
-    except RuntimeError:  # no place for a cache can be written: every process compiles anew
-        return njit(error_model="numpy")(function)
-
-
-@_compiled
+@compiled
 def step_worlds(
     constants: Constants,
     worlds: Worlds,
     actions: Floats,
     progress: float,
-    sources: str = _SOURCES,
+    sources: str = SOURCES,
 ) -> None:
     """Move every world on by one slot, in place.
 
@@ -92,7 +69,7 @@ def step_worlds(
         worlds: B worlds, after :func:`begin_episodes`.
         actions: (B, N, 4), clipped here to [-1, 1].
         progress: training progress tau in [0, 1], which sets the weights.
-        sources: not used; see ``_SOURCES``.
+        sources: not used; see ``SOURCES``.
     """
     scratch = _make_scratch(worlds)
     for world in range(len(worlds.slot)):
@@ -107,9 +84,9 @@ def step_worlds(
         _observe(constants, worlds, world)
 
 
-@_compiled
+@compiled
 def begin_episodes(
-    constants: Constants, worlds: Worlds, chosen: NDArray[np.int64], sources: str = _SOURCES
+    constants: Constants, worlds: Worlds, chosen: NDArray[np.int64], sources: str = SOURCES
 ) -> None:
     """Serve users and observe at slot 0, after new positions were written into ``chosen`` worlds.
 
@@ -117,7 +94,7 @@ def begin_episodes(
         constants: of the parameters that the worlds were made with.
         worlds: B worlds.
         chosen: indices of the worlds that begin, int64.
-        sources: not used; see ``_SOURCES``.
+        sources: not used; see ``SOURCES``.
     """
     scratch = _make_scratch(worlds)
     for world in chosen:

@@ -21,6 +21,19 @@ collisions count pairs, the two kinds of violations UAVs."""
 EPISODE_METRICS = (REWARD, *SLOT_METRICS)
 """An episode's figures: the reward is summed over slots."""
 
+DIAGNOSTIC_METRICS = (
+    "utility",
+    "thrust_energy_efficiency_bit_per_joule",
+    "nearest_uav_m",
+    "blocking_pairs",
+    "gbs_rate_bps",
+    "gbs_coverage",
+)
+"""Further figures of an episode, all means over its slots; see :mod:`orchid_uav.envs.diagnostics`:
+U_total at training progress 1; the energy efficiency with a load factor in the induced power; the
+mean distance of UAVs to the nearest other one; user-UAV pairs that would both gain by deviating;
+the mean rate of the GBS's users; the served share of them."""
+
 SUMMED_OVER_SLOTS = frozenset({REWARD, "collisions", "boundary_violations", "backhaul_violations"})
 """Episode figures that are sums over slots; the others are means over slots."""
 

@@ -30,6 +30,7 @@ def propulsion_power_w(
     air_density_kg_per_m3: Numeric = _AIR_DENSITY_KG_PER_M3,
     solidity: Numeric = _SOLIDITY,
     disc_area_m2: Numeric = _DISC_AREA_M2,
+    load_factor: Numeric = 1.0,
 ) -> Numeric:
     """P_prop in W at a speed of ``speed_mps`` >= 0 (the 3-D speed, decision M24).
 
@@ -38,11 +39,19 @@ def propulsion_power_w(
 
     The induced factor sqrt(1 + x^2) - x, x = v^2 / (2 v_0^2), is written as its equal
     1 / (sqrt(1 + x^2) + x): the difference loses every digit at high speed, and can turn negative.
+
+    ``load_factor`` is thrust over weight, 1 in the paper. Zeng et al. have it in the induced power,
+    P_i k sqrt(sqrt(k^2 + x^2) - x), which is what banking in a turn costs.
     """
     speed_squared = speed_mps * speed_mps
     blade_w = blade_profile_power_w * (1.0 + 3.0 * speed_squared / (tip_speed_mps * tip_speed_mps))
     ratio = speed_squared / (2.0 * induced_velocity_mps * induced_velocity_mps)
-    induced_w = induced_power_w * np.sqrt(1.0 / (np.sqrt(1.0 + ratio * ratio) + ratio))
+    squared = load_factor * load_factor
+    induced_w = (
+        induced_power_w
+        * load_factor
+        * np.sqrt(squared / (np.sqrt(squared + ratio * ratio) + ratio))
+    )
     drag = 0.5 * fuselage_drag_ratio * air_density_kg_per_m3 * solidity * disc_area_m2
     return blade_w + induced_w + drag * speed_squared * speed_mps
 
@@ -51,6 +60,15 @@ def propulsion_power_w(
 def climb_power_w(vertical_speed_mps: Numeric, mass_kg: Numeric) -> Numeric:
     """M g max(v_z, 0), the work against gravity that the paper's formula leaves out (M24)."""
     return mass_kg * standard_gravity * np.maximum(vertical_speed_mps, 0.0)
+
+
+@register_jitable
+def load_factor(acceleration_mps2: Numeric) -> Numeric:
+    """Thrust over weight of a rotorcraft that holds its altitude: sqrt(1 + (a / g)^2).
+
+    1 / cos(bank angle) in a level turn. Drag, which tilts the thrust as well, is left out.
+    """
+    return np.sqrt(1.0 + (acceleration_mps2 / standard_gravity) ** 2)
 
 
 @register_jitable

@@ -9,7 +9,7 @@ from orchid_uav.envs.channel import (
     signal_to_noise_ratio,
     spectral_efficiency,
 )
-from orchid_uav.envs.parameters import Parameters
+from orchid_uav.envs.parameters import Parameters, RewardParameters
 from orchid_uav.envs.propulsion import least_power_speed_mps, propulsion_power_w, total_power_w
 from orchid_uav.envs.sharing import user_rate_bps
 from orchid_uav.envs.units import Numeric
@@ -82,6 +82,30 @@ def composite_reward(
         + efficiency_weight * efficiency
         + load_weight * load_fairness
         + rate_weight * rate_fairness
+    )
+
+
+def final_utility(
+    weights: RewardParameters,
+    efficiency_scale_bit_per_joule: float,
+    coverage: Numeric,
+    efficiency_bit_per_joule: Numeric,
+    load_jfi: Numeric,
+    rate_jfi: Numeric,
+) -> Numeric:
+    """U_total, eq. (global_utility), at training progress 1, from figures of a slot.
+
+    The same function for every objective, so that it compares methods.
+    """
+    return composite_reward(
+        weights.coverage_weight,
+        weights.efficiency_weight[1],
+        weights.load_fairness_weight[1],
+        weights.rate_fairness_weight[1],
+        coverage,
+        normalised_energy_efficiency(efficiency_bit_per_joule, efficiency_scale_bit_per_joule),
+        load_jfi,
+        rate_jfi,
     )
 
 

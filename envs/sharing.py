@@ -58,6 +58,26 @@ def user_rate_bps(share: Numeric, bandwidth_hz: Numeric, spectral_efficiency: Nu
     return share * bandwidth_hz * spectral_efficiency
 
 
+@register_jitable
+def cell_throughput_bps(
+    rule: Numeric,
+    bandwidth_hz: Numeric,
+    cell_count: Numeric,
+    cell_sum: Numeric,
+    cell_inverse_sum: Numeric,
+    cell_square_sum: Numeric,
+) -> Numeric:
+    """Sum of the rates in a cell under ``rule``, from the sums over its spectral efficiencies.
+
+    The harmonic mean, the mean and the mean weighted with itself, times the bandwidth.
+    """
+    if rule == MAX_MIN:
+        return bandwidth_hz * cell_count / cell_inverse_sum
+    if rule == PROPORTIONAL:
+        return bandwidth_hz * cell_sum / cell_count
+    return bandwidth_hz * cell_square_sum / cell_sum
+
+
 def _cell(spectral_efficiency: ArrayLike) -> NDArray[np.float64]:
     cell = np.asarray(spectral_efficiency, dtype=float)
     if cell.ndim != 1 or not np.all(cell > 0.0):

@@ -174,12 +174,18 @@ class WorldBatch:
         self._shadowing_db[chosen] = topologies.shadowing_db
         begin_episodes(self.constants, arrays, chosen)
 
-    def place(self, positions_m: ArrayLike, transmit_powers_w: ArrayLike | None = None) -> None:
+    def place(
+        self,
+        positions_m: ArrayLike,
+        transmit_powers_w: ArrayLike | None = None,
+        target_users: ArrayLike | None = None,
+    ) -> None:
         """Have all UAVs begin elsewhere than Phase I puts them, before the first slot.
 
         Args:
             positions_m: (B, N, 3), inside the flight box.
             transmit_powers_w: (B, N), within the limits; by default as they are.
+            target_users: (B, M), whom the UAVs are there for; by default as it is.
 
         Raises:
             ValueError: a shape or a value that does not fit.
@@ -196,6 +202,8 @@ class WorldBatch:
             limits = np.array([uav.min_transmit_power_w, uav.max_transmit_power_w])
             _check("transmit_powers_w", powers_w, self.arrays.transmit_powers_w.shape, limits)
             self.arrays.transmit_powers_w[:] = powers_w
+        if target_users is not None:
+            self.arrays.target_users[:] = np.asarray(target_users, np.bool_)
         self.arrays.positions_m[:] = positions
         begin_episodes(self.constants, self.arrays, np.arange(self.world_count))
 

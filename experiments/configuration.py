@@ -76,6 +76,8 @@ class MaddpgParameters(Section):
     """Standard deviation of the Gaussian noise on actions in [-1, 1] (M32)."""
     update_every_slots: Annotated[int, Field(ge=1)] = 4
     """Slots between two updates (M32)."""
+    preactivation_penalty: NotNegative = 1e-3
+    """Weight of the squared actor's output before tanh in its loss (Lowe et al.'s code)."""
     max_grad_norm: Positive = 0.5
     """Gradient norm at which actor and critic are clipped, each by itself."""
     hidden_sizes: Annotated[tuple[Annotated[int, Field(ge=1)], ...], Field(min_length=1)] = (

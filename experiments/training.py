@@ -124,6 +124,7 @@ def _build_maddpg(config: RunConfig, env: FleetVecEnv) -> MADDPG:
         update_every=maddpg.update_every_slots,
         gradient_steps=training.worlds,
         exploration_std=maddpg.exploration_std,
+        preactivation_penalty=maddpg.preactivation_penalty,
         max_grad_norm=maddpg.max_grad_norm,
         episode_steps=config.network.episode_slots,
         policy_kwargs={

@@ -7,10 +7,11 @@ import numpy as np
 from gymnasium import spaces
 from stable_baselines3.common.vec_env import VecEnv
 
-from orchid_uav.agents import MAPPO
+from orchid_uav.agents import MADDPG, MAPPO
 from orchid_uav.envs import make_vec_env
 
 SMALL = {"uavs": 2, "users": 12, "episode_slots": 10}
+SIZES_OF_WISHES = {"observation": 2, "state": 4}
 
 
 def small_model(worlds: int = 1, seed: int = 0, n_steps: int = 10, **keywords: Any) -> MAPPO:
@@ -25,6 +26,19 @@ def small_model(worlds: int = 1, seed: int = 0, n_steps: int = 10, **keywords: A
         policy_kwargs=policy,
         **keywords,
     )
+
+
+def small_maddpg(worlds: int = 1, seed: int = 0, **keywords: Any) -> MADDPG:
+    """MADDPG with small networks on a small network, learning from four transitions on."""
+    policy = {"net_arch": [32, 32], **keywords.pop("policy_kwargs", {})}
+    defaults = {
+        "batch_size": 4,
+        "buffer_size": 1000,
+        "gradient_steps": worlds,
+        "episode_steps": SMALL["episode_slots"],
+    }
+    env = make_vec_env(worlds, seed=seed, **SMALL)
+    return MADDPG("JointCriticPolicy", env, seed=seed, policy_kwargs=policy, **defaults | keywords)
 
 
 class ConstantReward(VecEnv):
@@ -86,3 +100,96 @@ class ConstantReward(VecEnv):
 
     def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> Sequence[bool]:
         return [False for _ in self._get_indices(indices)]
+
+
+class Clock(ConstantReward):
+    """Worlds of two agents whose numbers say where they are, actions being two numbers in 0..4.
+
+    Agents see (world, agent, episode, step), their state is (world, episode, step), and what they
+    earn for a step is 100 world + 10 agent + step.
+
+    Args:
+        lengths: steps per episode, by world.
+        truncates: whether a world's episodes end by a time limit.
+    """
+
+    def __init__(self, lengths: Sequence[int], truncates: Sequence[bool]) -> None:
+        self.lengths, self.limits = np.array(lengths), list(truncates)
+        boxes = {"observation": (4,), "state": (3,)}
+        VecEnv.__init__(
+            self,
+            2 * len(lengths),
+            spaces.Dict({key: spaces.Box(-np.inf, np.inf, size) for key, size in boxes.items()}),
+            spaces.Box(0.0, 4.0, (2,), np.float32),
+        )
+        self.world, self.agent = np.divmod(np.arange(self.num_envs), 2)
+        self.time = np.zeros((len(lengths), 2))
+        self.flown: list[np.ndarray] = []
+
+    def _rows(self) -> dict[str, np.ndarray]:
+        episode, step = self.time[self.world].T
+        return {
+            "observation": np.stack([self.world, self.agent, episode, step], 1).astype(np.float32),
+            "state": np.stack([self.world, episode, step], 1).astype(np.float32),
+        }
+
+    def reset(self) -> dict[str, np.ndarray]:
+        self.time[:] = 0
+        return self._rows()
+
+    def step_async(self, actions: np.ndarray) -> None:
+        self.flown.append(actions.copy())
+
+    def step_wait(self) -> Any:
+        self.time[:, 1] += 1
+        rows, is_over = self._rows(), self.time[:, 1] == self.lengths
+        rewards = 100 * self.world + 10 * self.agent + self.time[self.world, 1]
+        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        for row in np.flatnonzero(is_over[self.world]):
+            infos[row]["TimeLimit.truncated"] = self.limits[self.world[row]]
+            infos[row]["terminal_observation"] = {key: array[row] for key, array in rows.items()}
+        self.time[is_over] += [1, 0]
+        self.time[is_over, 1] = 0
+        return self._rows(), rewards.astype(np.float32), is_over[self.world], infos
+
+
+class Wishes(ConstantReward):
+    """Two agents a world that see two random numbers and are to act as 0.8 times the first.
+
+    Args:
+        worlds: side by side.
+        is_paid_to_the_other: an agent's action pays the other agent, and not itself.
+    """
+
+    def __init__(self, worlds: int = 1, is_paid_to_the_other: bool = False) -> None:
+        super().__init__(0.0, 8)
+        box = {key: spaces.Box(-1.0, 1.0, (size,)) for key, size in SIZES_OF_WISHES.items()}
+        VecEnv.__init__(self, 2 * worlds, spaces.Dict(box), self.action_space)
+        self.random = np.random.default_rng(0)
+        self.is_paid_to_the_other = is_paid_to_the_other
+        self.flown: list[np.ndarray] = []
+
+    def _rows(self) -> dict[str, np.ndarray]:
+        self.seen = self.random.uniform(-1.0, 1.0, (self.num_envs, 2)).astype(np.float32)
+        return {"observation": self.seen, "state": np.repeat(self.seen.reshape(-1, 4), 2, axis=0)}
+
+    def step_async(self, actions: np.ndarray) -> None:
+        self.flown.append(actions.copy())
+        self.paid = self.earned(self.seen, actions[:, 0])
+
+    def earned(self, seen: np.ndarray, actions: np.ndarray) -> np.ndarray:
+        """Rewards (rows,) of actions (rows,) on observations (rows, 2)."""
+        paid = -((actions - 0.8 * seen[:, 0]) ** 2)
+        return paid.reshape(-1, 2)[:, ::-1].reshape(-1) if self.is_paid_to_the_other else paid
+
+    def step_wait(self) -> Any:
+        self.step_in_episode = (self.step_in_episode + 1) % self.length
+        is_over = self.step_in_episode == 0
+        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        rows = self._rows()
+        if is_over:
+            for row, info in enumerate(infos):
+                info["TimeLimit.truncated"] = True
+                info["terminal_observation"] = {key: array[row] for key, array in rows.items()}
+            rows = self._rows()
+        return rows, self.paid.astype(np.float32), np.full(self.num_envs, is_over), infos

@@ -6,7 +6,7 @@ import sys
 
 import numba
 
-from orchid_uav.envs import dynamics
+from orchid_uav.envs import compilation
 from tests.mutants import copy_package
 
 FLY = """
@@ -54,6 +54,6 @@ def test_goes_without_a_cache_where_none_can_be_written(monkeypatch):
             raise RuntimeError("cannot cache function: no locator available")
         return numba.njit(*functions, **options)
 
-    monkeypatch.setattr(dynamics, "njit", njit)
-    double = dynamics._compiled(lambda number: 2.0 * number)
+    monkeypatch.setattr(compilation, "njit", njit)
+    double = compilation.compiled(lambda number: 2.0 * number)
     assert double(3.0) == 6.0

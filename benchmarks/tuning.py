@@ -1,0 +1,127 @@
+"""The same tuning effort for both algorithms: ``python -m benchmarks.tuning --json FILE``.
+
+A random search over what a practitioner would turn, the first trial being the defaults, with as
+many trials, episodes and topologies for the one as for the other. Seeds and topologies are used
+for this alone. The score is the mean utility at training progress 1 of the deterministic policy.
+"""
+
+import argparse
+import random
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.measuring import record
+from orchid_uav.agents import load_policy
+from orchid_uav.agents.heuristics import Hover
+from orchid_uav.agents.learned import Learned
+from orchid_uav.agents.method import Method
+from orchid_uav.cli.display import SilentReporter
+from orchid_uav.envs import Parameters, WorldBatch, evaluation_seeds
+from orchid_uav.envs.diagnostics import Diagnostics
+from orchid_uav.experiments.configuration import Layer, RunConfig, merge
+from orchid_uav.experiments.files import write_json
+from orchid_uav.experiments.run_directory import RunDirectory
+from orchid_uav.experiments.training import train
+
+SEED = 9001
+TOPOLOGIES = 100
+SPACES: dict[str, dict[str, list[Any]]] = {
+    "mappo": {
+        "ppo.actor_learning_rate": [3e-5, 1e-4, 3e-4, 1e-3],
+        "ppo.critic_learning_rate": [3e-4, 1e-3, 3e-3],
+        "ppo.discount": [0.9, 0.97, 0.99],
+        "ppo.log_std_init": [0.0, -1.0, -2.0],
+        "ppo.epochs": [4, 8],
+    },
+    "maddpg": {
+        "maddpg.actor_learning_rate": [1e-5, 3e-5, 1e-4, 3e-4],
+        "maddpg.critic_learning_rate": [3e-4, 1e-3, 3e-3],
+        "maddpg.discount": [0.9, 0.97, 0.99],
+        "maddpg.exploration_std": [0.1, 0.3, 0.5],
+        "maddpg.preactivation_penalty": [1e-3, 1e-1],
+    },
+}
+
+
+def trials(algorithm: str, count: int) -> list[dict[str, Any]]:
+    """The defaults, then ``count`` - 1 random draws."""
+    generator = random.Random(f"{SEED} {algorithm}")
+    space = SPACES[algorithm]
+    drawn = [
+        {key: generator.choice(values) for key, values in space.items()} for _ in range(count - 1)
+    ]
+    return [{}, *drawn]
+
+
+def configure(algorithm: str, values: dict[str, Any], episodes: int) -> RunConfig:
+    """The run of one trial."""
+    layer = {
+        "training.algorithm": algorithm,
+        "training.seed": SEED,
+        "training.episodes": episodes,
+        **values,
+    }
+    return merge([Layer("tuning", layer)])[0]
+
+
+def score(method: Method, parameters: Parameters) -> dict[str, float]:
+    """Mean utility and a few figures over the tuning topologies."""
+    seeds = evaluation_seeds(SEED, TOPOLOGIES)
+    world = WorldBatch(parameters, worlds=TOPOLOGIES, seed=seeds)
+    world.set_progress(1.0)
+    world.reset()
+    method.begin(world)
+    diagnostics = Diagnostics(world)
+    for _ in range(parameters.network.episode_slots):
+        world.step(method.act(world))
+        diagnostics.observe()
+    episodes = [
+        world.episode_metrics(index) | diagnostics.episode_metrics(index)
+        for index in range(TOPOLOGIES)
+    ]
+    names = ("utility", "energy_efficiency_bit_per_joule", "load_jfi", "rate_jfi", "coverage")
+    return {
+        name: float(f"{np.mean([episode[name] for episode in episodes]):.6g}") for name in names
+    }
+
+
+def run_trial(algorithm: str, values: dict[str, Any], episodes: int) -> dict[str, Any]:
+    """Train and score."""
+    config = configure(algorithm, values, episodes)
+    with tempfile.TemporaryDirectory() as directory:
+        run = RunDirectory.create(Path(directory), "tuning", config, [])
+        outcome = train(config, run, SilentReporter())
+        actor = load_policy(run.path)
+    figures = score(Learned(actor), config.network_parameters)
+    return {"values": values, "seconds": round(outcome.seconds, 1), **figures}
+
+
+def main() -> None:
+    """Search with both algorithms in turn, and write the log after every trial."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--json", type=Path, required=True)
+    parser.add_argument("--trials", type=int, default=8)
+    parser.add_argument("--episodes", type=int, default=200)
+    arguments = parser.parse_args()
+    settings = {
+        "seed": SEED,
+        "topologies": TOPOLOGIES,
+        "trials": arguments.trials,
+        "episodes": arguments.episodes,
+        "spaces": SPACES,
+    }
+    logs: dict[str, list[dict[str, Any]]] = {algorithm: [] for algorithm in SPACES}
+    zero_action = score(Hover(), Parameters())
+    for number in range(arguments.trials):
+        for algorithm, log in logs.items():
+            values = trials(algorithm, arguments.trials)[number]
+            log.append(run_trial(algorithm, values, arguments.episodes))
+            print(algorithm, log[-1], flush=True)
+            write_json(arguments.json, record(settings, zero_action=zero_action, trials=logs))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,230 @@
+"""Figures of a slot that evaluation wants and learning does not."""
+
+import numpy as np
+from numba import njit
+
+from orchid_uav.envs.arrays import Constants, Floats, Worlds
+from orchid_uav.envs.association import link_power_w
+from orchid_uav.envs.channel import signal_to_noise_ratio, spectral_efficiency
+from orchid_uav.envs.compilation import SOURCES, compiled
+from orchid_uav.envs.metrics import (
+    COVERAGE,
+    DIAGNOSTIC_METRICS,
+    ENERGY_EFFICIENCY,
+    LOAD_JFI,
+    RATE_JFI,
+    SUM_RATE,
+)
+from orchid_uav.envs.propulsion import (
+    climb_power_w,
+    load_factor,
+    propulsion_power_w,
+    total_power_w,
+)
+from orchid_uav.envs.reward import energy_efficiency, final_utility
+from orchid_uav.envs.sharing import bandwidth_share, cell_throughput_bps, user_rate_bps
+from orchid_uav.envs.world import WorldBatch
+
+_LEAST_GAIN = 1.0 + 1e-9
+"""A rate that grows by less than this factor has grown by rounding alone."""
+
+
+class Diagnostics:
+    """Time means of ``DIAGNOSTIC_METRICS`` over an episode of every world.
+
+    Call :meth:`begin` after the worlds' episodes have begun and :meth:`observe` after each step.
+    """
+
+    def __init__(self, world: WorldBatch) -> None:
+        self._world = world
+        self._sums = np.zeros((world.world_count, len(DIAGNOSTIC_METRICS)))
+        self._last_velocities_mps = np.zeros_like(world.arrays.velocities_mps)
+        self._gbs: tuple[Floats, Floats] | None = None
+
+    def begin(self) -> None:
+        """Forget the last episode."""
+        self._sums[:] = 0.0
+        self._last_velocities_mps[:] = 0.0
+        self._gbs = None
+
+    def observe(self) -> None:
+        """Add the slot that was just flown."""
+        world = self._world
+        arrays = world.arrays
+        inspected = np.empty((world.world_count, 3))
+        inspect_worlds(world.constants, arrays, self._last_velocities_mps, inspected)
+        self._last_velocities_mps[:] = arrays.velocities_mps
+        if self._gbs is None or world.parameters.network.user_speed_mps > 0.0:
+            self._gbs = _gbs_figures(world)
+        utility = final_utility(
+            world.parameters.reward,
+            world.constants.efficiency_scale_bit_per_joule,
+            arrays.metrics[:, COVERAGE],
+            arrays.metrics[:, ENERGY_EFFICIENCY],
+            arrays.metrics[:, LOAD_JFI],
+            arrays.metrics[:, RATE_JFI],
+        )
+        self._sums += np.column_stack([utility, inspected, *self._gbs])
+
+    def episode_metrics(self, world: int) -> dict[str, float]:
+        """Means over the slots so far, by the names of ``DIAGNOSTIC_METRICS``."""
+        means = self._sums[world] / max(int(self._world.arrays.slot[world]), 1)
+        return dict(zip(DIAGNOSTIC_METRICS, means.tolist(), strict=True))
+
+
+def _gbs_figures(world: WorldBatch) -> tuple[Floats, Floats]:
+    """Mean rate of the GBS's users, unserved ones at 0, and the served share of them (M4)."""
+    rates_bps = world.gbs_rates_bps()
+    users = (~world.arrays.target_users).sum(axis=1)
+    some = np.maximum(users, 1)
+    served = (rates_bps > 0.0).sum(axis=1)
+    return rates_bps.sum(axis=1) / some, np.where(users > 0, served / some, 1.0)
+
+
+@compiled
+def inspect_worlds(
+    constants: Constants,
+    worlds: Worlds,
+    last_velocities_mps: Floats,
+    figures: Floats,
+    sources: str = SOURCES,
+) -> None:
+    """Energy efficiency with thrust paid for, distance to the nearest UAV, blocking pairs.
+
+    Args:
+        constants: of the parameters that the worlds were made with.
+        worlds: B worlds after a step.
+        last_velocities_mps: of the slot before, (B, N, 3).
+        figures: result, (B, 3).
+        sources: not used; see ``SOURCES``.
+    """
+    for world in range(len(worlds.slot)):
+        power_w = _power_with_thrust_w(constants, worlds, world, last_velocities_mps[world])
+        figures[world, 0] = energy_efficiency(
+            worlds.metrics[world, SUM_RATE], power_w, constants.power_epsilon_w
+        )
+        figures[world, 1] = _mean_nearest_uav_m(worlds.positions_m[world])
+        figures[world, 2] = _count_blocking_pairs(constants, worlds, world)
+
+
+@njit(error_model="numpy")
+def _power_with_thrust_w(
+    constants: Constants, worlds: Worlds, world: int, last_velocities_mps: Floats
+) -> float:
+    """Total power if the thrust that turns and accelerates were paid for, too."""
+    propulsion_w, transmit_w = 0.0, 0.0
+    velocities = worlds.velocities_mps[world]
+    for uav in range(len(velocities)):
+        speed_squared, change_squared = 0.0, 0.0
+        for axis in range(3):
+            speed_squared += velocities[uav, axis] ** 2
+            change_squared += (velocities[uav, axis] - last_velocities_mps[uav, axis]) ** 2
+        factor = load_factor(np.sqrt(change_squared) / constants.slot_s)
+        propulsion_w += propulsion_power_w(np.sqrt(speed_squared), *constants.rotor, factor)
+        propulsion_w += climb_power_w(velocities[uav, 2], constants.climbing_mass_kg)
+        transmit_w += worlds.transmit_powers_w[world, uav]
+    return total_power_w(propulsion_w, transmit_w)
+
+
+@njit(error_model="numpy")
+def _mean_nearest_uav_m(positions_m: Floats) -> float:
+    """Mean over the UAVs of the distance to the nearest other one; NaN where there is none."""
+    uavs = len(positions_m)
+    total_m = 0.0
+    for uav in range(uavs):
+        nearest_squared = np.inf
+        for other in range(uavs):
+            if other != uav:
+                squared = 0.0
+                for axis in range(3):
+                    squared += (positions_m[uav, axis] - positions_m[other, axis]) ** 2
+                nearest_squared = min(nearest_squared, squared)
+        total_m += np.sqrt(nearest_squared)
+    return total_m / uavs if uavs > 1 else np.nan
+
+
+@njit(error_model="numpy")
+def _count_blocking_pairs(constants: Constants, worlds: Worlds, world: int) -> int:
+    """User-UAV pairs that would both gain if the user changed over to the UAV.
+
+    The user gains in rate with its share in the new cell, the UAV in the throughput of its cell.
+    """
+    association, efficiencies = worlds.association[world], worlds.spectral_efficiency[world]
+    loads = worlds.loads[world]
+    uavs = len(loads)
+    sums, inverse_sums, square_sums = np.zeros(uavs), np.zeros(uavs), np.zeros(uavs)
+    throughputs_bps = np.zeros(uavs)
+    for user in range(len(association)):
+        uav = association[user]
+        if uav >= 0:
+            sums[uav] += efficiencies[user]
+            inverse_sums[uav] += 1.0 / efficiencies[user]
+            square_sums[uav] += efficiencies[user] ** 2
+            throughputs_bps[uav] += worlds.rates_bps[world, user]
+    pairs = 0
+    for user in range(len(association)):
+        if association[user] < 0:  # no UAV reaches it
+            continue
+        enough_bps = worlds.rates_bps[world, user] * _LEAST_GAIN
+        for uav in range(uavs):
+            if uav == association[user]:
+                continue
+            # Its own UAV is received best: over a weaker link it cannot do better than over this.
+            efficiency = efficiencies[user]
+            if (
+                _rate_after_joining_bps(
+                    constants, efficiency, loads[uav], sums[uav], inverse_sums[uav]
+                )
+                <= enough_bps
+            ):
+                continue
+            efficiency = _link_efficiency(constants, worlds, world, uav, user)
+            if efficiency <= 0.0:
+                continue
+            rate_bps = _rate_after_joining_bps(
+                constants, efficiency, loads[uav], sums[uav], inverse_sums[uav]
+            )
+            throughput_bps = cell_throughput_bps(
+                constants.share_rule,
+                constants.bandwidth_hz,
+                loads[uav] + 1,
+                sums[uav] + efficiency,
+                inverse_sums[uav] + 1.0 / efficiency,
+                square_sums[uav] + efficiency**2,
+            )
+            uav_gains = throughput_bps > throughputs_bps[uav] * _LEAST_GAIN
+            pairs += (rate_bps > enough_bps) & uav_gains
+    return pairs
+
+
+@njit(error_model="numpy")
+def _rate_after_joining_bps(
+    constants: Constants, efficiency: float, load: int, cell_sum: float, cell_inverse_sum: float
+) -> float:
+    share = bandwidth_share(
+        constants.share_rule,
+        efficiency,
+        load + 1,
+        cell_sum + efficiency,
+        cell_inverse_sum + 1.0 / efficiency,
+    )
+    return user_rate_bps(share, constants.bandwidth_hz, efficiency)
+
+
+@njit(error_model="numpy")
+def _link_efficiency(
+    constants: Constants, worlds: Worlds, world: int, uav: int, user: int
+) -> float:
+    """Spectral efficiency of a link in bit/s/Hz, 0 where it is below the required SNR."""
+    position_m = worlds.positions_m[world, uav]
+    dx = worlds.users_m[world, 0, user] - position_m[0]
+    dy = worlds.users_m[world, 1, user] - position_m[1]
+    power_w = link_power_w(
+        worlds.transmit_powers_w[world, uav],
+        dx * dx + dy * dy + position_m[2] * position_m[2],
+        position_m[2],
+        constants.link,
+        constants.access_gain_db,
+    )
+    snr = signal_to_noise_ratio(power_w, constants.access_noise_power_w)
+    return spectral_efficiency(snr) if snr >= constants.required_snr else 0.0
