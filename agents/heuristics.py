@@ -19,10 +19,20 @@ RESTARTS = 30
 
 
 class Hover:
-    """Stays where Phase I puts it, with the transmit power it begins with: the zero action."""
+    """Stays where Phase I puts it; with the power it begins with this is the zero action.
+
+    Args:
+        full_power: begin, and stay, at the greatest transmit power instead.
+    """
+
+    def __init__(self, full_power: bool = False) -> None:
+        self.full_power = full_power
 
     def begin(self, world: WorldBatch) -> None:
-        """Nothing to prepare."""
+        """Set the transmit power."""
+        if self.full_power:
+            arrays, greatest_w = world.arrays, world.parameters.uav.max_transmit_power_w
+            world.place(arrays.positions_m, np.full_like(arrays.transmit_powers_w, greatest_w))
 
     def act(self, world: WorldBatch) -> Actions:
         """No action at all."""
@@ -54,13 +64,12 @@ class Loiter:
 
     def act(self, world: WorldBatch) -> Actions:
         """On along the circle, or towards it."""
-        slot_s = world.parameters.network.slot_s
-        displacement_m = circling_displacement_m(
-            world.arrays.positions_m[..., :2] - self.centres_m,
-            self.radius_m,
-            self.speed_mps * slot_s,
-        )
-        return act_towards(world, displacement_m, power_change=1.0)
+        step_m = self.speed_mps * world.parameters.network.slot_s
+        return act_towards(world, self._displacement_m(world, step_m), power_change=1.0)
+
+    def _displacement_m(self, world: WorldBatch, step_m: float) -> Floats:
+        relative_m = world.arrays.positions_m[..., :2] - self.centres_m
+        return circling_displacement_m(relative_m, self.radius_m, step_m)
 
 
 class BalancedLoiter(Loiter):

@@ -11,6 +11,7 @@ import typer
 from orchid_uav import __version__
 from orchid_uav.cli import config
 from orchid_uav.cli.console import FAILED, INTERRUPTED, WRONG_INPUT, print_error
+from orchid_uav.cli.eval import evaluate
 from orchid_uav.cli.train import train
 
 app = typer.Typer(
@@ -20,6 +21,7 @@ app = typer.Typer(
     add_completion=True,
 )
 app.command()(train)
+app.command("eval")(evaluate)
 app.add_typer(config.app, name="config")
 
 # The class of all of Typer's own complaints about a command line, which it does not export.

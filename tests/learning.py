@@ -11,6 +11,7 @@ from orchid_uav.agents import MADDPG, MAPPO
 from orchid_uav.envs import make_vec_env
 
 SMALL = {"uavs": 2, "users": 12, "episode_slots": 10}
+MADDPG_NETWORKS = ("actor", "critic", "actor_target", "critic_target")
 SIZES_OF_WISHES = {"observation": 2, "state": 4}
 
 

@@ -1,0 +1,279 @@
+"""Every method over the same held-out topologies."""
+
+import itertools
+import signal
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from types import FrameType
+from typing import Any, Literal, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from orchid_uav.envs.diagnostics import Diagnostics
+from orchid_uav.envs.parameters import Parameters
+from orchid_uav.envs.world import Topologies, WorldBatch, evaluation_seeds
+from orchid_uav.experiments.configuration import LEARNING_SECTIONS, RunConfig, flatten
+from orchid_uav.experiments.errors import InputError
+from orchid_uav.experiments.methods import METHOD_KEYS, Entry, Policy
+from orchid_uav.experiments.metrics import EPISODE_FIGURES, HEADROOM
+from orchid_uav.experiments.statistics import interval, summarise
+
+Floats = NDArray[np.float64]
+Figures = dict[str, Floats]
+"""Every figure of ``EPISODE_FIGURES`` for all episodes of a flight, (episodes,)."""
+
+FLOOR, CEILING = "loiter-mmf", "planner"
+"""Methods between whose utilities the headroom lies."""
+_WORLDS_AT_ONCE = 1000
+
+
+SETTING_KEYS = {
+    "network.distribution": "--distribution",
+    "network.uav_count": "--uavs",
+    "network.user_count": "--users",
+    "network.user_speed_mps": "--speeds",
+    "network.heading_hold_s": "--heading-hold",
+}
+"""Parameters that a setting decides, in its order, and the options that list them."""
+
+
+class Setting(NamedTuple):
+    """The world of some flights."""
+
+    distribution: Literal["tcp", "uniform"]
+    uavs: int
+    users: int
+    speed_mps: float
+    heading_hold_s: float
+
+    def apply(self, world: Parameters) -> Parameters:
+        """The parameters of this setting.
+
+        Raises:
+            InputError: a combination that cannot be.
+        """
+        try:
+            return world.with_overrides(dict(zip(SETTING_KEYS, self, strict=True)))
+        except ValueError as error:
+            raise InputError(f"a setting that cannot be flown: {error}") from error
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is to be flown."""
+
+    entries: Sequence[Entry]
+    settings: Sequence[Setting]
+    episodes: int
+    seed: int
+    world: Parameters
+
+    def flights(self) -> Iterator["Flight"]:
+        """All flights, setting by setting."""
+        for setting, entry in itertools.product(self.settings, self.entries):
+            yield Flight(setting, entry)
+
+    def check(self) -> None:
+        """Raise InputError for a setting that cannot be flown, before any is."""
+        for setting in self.settings:
+            parameters = setting.apply(self.world)
+            for entry in self.entries:
+                parameters.with_overrides(dict(entry.overrides))
+
+
+class Flight(NamedTuple):
+    """A method in a setting."""
+
+    setting: Setting
+    entry: Entry
+
+    @property
+    def key(self) -> tuple[Any, ...]:
+        """What tells this flight from all others of an evaluation."""
+        return (*self.setting, self.entry.key, self.entry.deterministic)
+
+
+class Progress(Protocol):
+    """Shows how far an evaluation is."""
+
+    def begin(self, total_cost: float) -> None:
+        """The flights are about to begin."""
+
+    def advance(self, flight: Flight, cost: float) -> None:
+        """So much of the total cost has been flown."""
+
+    def end(self) -> None:
+        """No flight goes on."""
+
+
+Flown = dict[tuple[Any, ...], Figures]
+"""Figures by :attr:`Flight.key`."""
+
+
+def evaluate(plan: Plan, progress: Progress, flown: Flown | None = None) -> tuple[Flown, bool]:
+    """Fly all flights of a plan; all topologies of a setting as one batch.
+
+    Args:
+        plan: what to fly.
+        progress: shows it.
+        flown: flights of an interrupted evaluation of the same plan, which are not flown again.
+
+    Returns:
+        The figures by flight, and whether all flights were flown: ctrl-C and SIGTERM end the
+        evaluation and lose the flight that was going on.
+    """
+    done: Flown = dict(flown or {})
+    waiting = [flight for flight in plan.flights() if flight.key not in done]
+    progress.begin(sum(_cost(flight) for flight in waiting))
+    try:
+        # One thread: small matrices, and figures that do not depend on the number of cores.
+        with _interruptible(), threadpool_limits(1):
+            for setting, flights in itertools.groupby(waiting, lambda flight: flight.setting):
+                topologies = _Topologies(plan, setting)
+                for flight in flights:
+                    done[flight.key] = _fly(plan, flight, topologies, progress)
+    except KeyboardInterrupt:
+        return done, False
+    finally:
+        progress.end()
+    return done, True
+
+
+def world_differences(policy: Policy, world: RunConfig) -> list[str]:
+    """Keys of the world in which a run was trained elsewhere than it is flown."""
+    trained, flown = flatten(policy.config), flatten(world)
+    return [
+        key
+        for key in trained
+        if key.partition(".")[0] not in LEARNING_SECTIONS
+        and key not in METHOD_KEYS
+        and key not in SETTING_KEYS
+        and trained[key] != flown[key]
+    ]
+
+
+def _cost(flight: Flight) -> float:
+    return flight.entry.cost * flight.setting.uavs
+
+
+class _Topologies:
+    """Held-out topologies of a setting, drawn once for all methods with the same kind of start."""
+
+    def __init__(self, plan: Plan, setting: Setting) -> None:
+        self.seeds = evaluation_seeds(plan.seed, plan.episodes)
+        self._parameters = setting.apply(plan.world)
+        self._drawn: dict[Any, Topologies] = {}
+
+    def of(self, entry: Entry) -> tuple[Parameters, Topologies]:
+        """The parameters that a method flies with, and its topologies."""
+        parameters = self._parameters.with_overrides(dict(entry.overrides))
+        kind = parameters.deployment
+        if kind not in self._drawn:
+            batch = WorldBatch(parameters, worlds=len(self.seeds), seed=self.seeds)
+            self._drawn[kind] = batch.draw_topologies()
+        return parameters, self._drawn[kind]
+
+
+def _fly(plan: Plan, flight: Flight, topologies: _Topologies, progress: Progress) -> Figures:
+    parameters, all_topologies = topologies.of(flight.entry)
+    parts = []
+    for first in range(0, plan.episodes, _WORLDS_AT_ONCE):
+        chosen = slice(first, first + _WORLDS_AT_ONCE)
+        some = Topologies(*(array[chosen] for array in all_topologies))
+        parts.append(_fly_batch(flight.entry, parameters, some, topologies.seeds[chosen]))
+        progress.advance(flight, _cost(flight) * len(parts[-1]["reward"]) / plan.episodes)
+    return {name: np.concatenate([part[name] for part in parts]) for name in EPISODE_FIGURES}
+
+
+def _fly_batch(
+    entry: Entry, parameters: Parameters, topologies: Topologies, seeds: Sequence[int]
+) -> Figures:
+    world = WorldBatch(parameters, worlds=len(seeds), seed=0)
+    world.set_progress(1.0)
+    world.begin(topologies)
+    method = entry.make(seeds)
+    method.begin(world)
+    diagnostics = Diagnostics(world)
+    for _ in range(parameters.network.episode_slots):
+        world.step(method.act(world))
+        diagnostics.observe()
+    episodes = [
+        world.episode_metrics(index) | diagnostics.episode_metrics(index)
+        for index in range(len(seeds))
+    ]
+    return {name: np.array([episode[name] for episode in episodes]) for name in EPISODE_FIGURES}
+
+
+@contextmanager
+def _interruptible() -> Iterator[None]:
+    """Let SIGTERM and SIGHUP, like ctrl-C, raise KeyboardInterrupt."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def interrupt(signal_number: int, frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    numbers = [signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else [])]
+    heeded = [number for number in numbers if signal.getsignal(number) is not signal.SIG_IGN]
+    previous = {number: signal.signal(number, interrupt) for number in heeded}
+    try:
+        yield
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+
+
+def summarise_flights(plan: Plan, flown: Mapping[tuple[Any, ...], Figures]) -> list[dict[str, Any]]:
+    """The "results" of ``summary.json``: one for every flight that was flown."""
+    results = []
+    for flight in plan.flights():
+        if flight.key not in flown:
+            continue
+        figures = flown[flight.key]
+        results.append(
+            describe(flight)
+            | {"episodes": plan.episodes}
+            | {name: summarise(figures[name]) for name in EPISODE_FIGURES}
+            | {HEADROOM: _headroom(flight, figures, flown)}
+        )
+    return results
+
+
+def describe(flight: Flight) -> dict[str, Any]:
+    """What was flown, and where, as in the results and in the table of episodes."""
+    setting, entry = flight
+    return {
+        "method": entry.key,
+        "run": entry.policy.run if entry.policy else None,
+        "objective": entry.overrides["reward.objective"],
+        **setting._asdict(),
+        "deterministic": entry.deterministic,
+    }
+
+
+def _headroom(
+    flight: Flight, figures: Figures, flown: Mapping[tuple[Any, ...], Figures]
+) -> dict[str, Any]:
+    floor = flown.get((*flight.setting, FLOOR, True))
+    ceiling = flown.get((*flight.setting, CEILING, True))
+    unknown = {"mean": None, "std": None, "ci95": None}
+    if floor is None or ceiling is None or not flight.entry.is_comparable:
+        return unknown
+
+    def share(own: Floats, low: Floats, high: Floats, axis: int) -> Floats:
+        room = np.mean(high, axis=axis) - np.mean(low, axis=axis)
+        return (np.mean(own, axis=axis) - np.mean(low, axis=axis)) / room
+
+    samples = figures["utility"], floor["utility"], ceiling["utility"]
+    if np.mean(samples[2]) == np.mean(samples[1]):
+        return unknown
+    return {
+        "mean": float(share(*samples, axis=-1)),
+        "std": None,
+        "ci95": interval(samples, share),
+    }

@@ -1,0 +1,184 @@
+"""The directory that an evaluation leaves: ``episodes.parquet``, ``summary.json``, figures."""
+
+import json
+import shutil
+import tempfile
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from orchid_uav.envs.world import evaluation_seeds
+from orchid_uav.experiments.errors import InputError, RunFailedError
+from orchid_uav.experiments.evaluation import (
+    CEILING,
+    FLOOR,
+    Flown,
+    Plan,
+    describe,
+    summarise_flights,
+)
+from orchid_uav.experiments.files import write_json
+from orchid_uav.experiments.metrics import EPISODE_FIGURES
+from orchid_uav.experiments.provenance import describe_host, describe_versions
+from orchid_uav.experiments.statistics import INTERVAL
+
+SCHEMA = 1
+EPISODES_FILE, SUMMARY_FILE, FIGURES_FOLDER = "episodes.parquet", "summary.json", "figures"
+
+
+def make_default_directory() -> Path:
+    """A new ``./orchid-eval/<UTC time>``, with a number behind it if that is taken."""
+    name = f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}"
+    for suffix in ("", *(f"-{number}" for number in range(2, 100))):
+        directory = Path("orchid-eval") / (name + suffix)
+        try:
+            directory.mkdir(parents=True)
+        except FileExistsError:
+            continue
+        except OSError as error:
+            raise InputError(f"cannot make {directory}: {error.strerror or error}") from error
+        return directory
+    raise InputError(f"cannot find a free name for {Path('orchid-eval') / name}")
+
+
+def describe_plan(plan: Plan, planner_evaluations: int) -> dict[str, Any]:
+    """What defines an evaluation: two of equal descriptions give equal figures."""
+    settings = plan.settings
+    return {
+        "methods": [
+            {
+                "method": entry.key,
+                "run": entry.policy.run if entry.policy else None,
+                "sha256": entry.policy.actor.description.get("sha256") if entry.policy else None,
+                "deterministic": entry.deterministic,
+            }
+            for entry in plan.entries
+        ],
+        "distributions": list(dict.fromkeys(setting.distribution for setting in settings)),
+        "uavs": list(dict.fromkeys(setting.uavs for setting in settings)),
+        "users": list(dict.fromkeys(setting.users for setting in settings)),
+        "speeds_mps": list(dict.fromkeys(setting.speed_mps for setting in settings)),
+        "heading_hold_s": list(dict.fromkeys(setting.heading_hold_s for setting in settings)),
+        "episodes": plan.episodes,
+        "seed": plan.seed,
+        "planner_evaluations": planner_evaluations,
+        "world": plan.world.model_dump(mode="json"),
+        "training_progress": 1.0,
+        "ci95": f"{INTERVAL}, over topologies",
+        "headroom": f"(U - U_{FLOOR}) / (U_{CEILING} - U_{FLOOR}), U the mean utility",
+    }
+
+
+def read_interrupted(directory: Path, plan: Plan, settings: Mapping[str, Any]) -> Flown:
+    """The flights of an interrupted evaluation of the same settings; none if there is nothing yet.
+
+    Raises:
+        InputError: the directory holds anything else, which is not to be overwritten.
+    """
+    if not directory.exists() or (directory.is_dir() and not any(directory.iterdir())):
+        return {}
+    try:
+        summary = json.loads((directory / SUMMARY_FILE).read_text(encoding="utf-8"))
+        status, known = summary["status"], summary["settings"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(f"--out {directory} exists, and is no evaluation to go on with") from error
+    if status != "interrupted":
+        raise InputError(f"--out {directory} holds a complete evaluation: choose another directory")
+    if known != dict(settings):
+        differing = [key for key in settings if known.get(key) != settings[key]]
+        raise InputError(
+            f"--out {directory} holds an interrupted evaluation of other settings: "
+            f"{', '.join(differing)}"
+        )
+    try:
+        rows = pq.read_table(directory / EPISODES_FILE).to_pylist()
+    except (OSError, pa.ArrowException) as error:
+        raise InputError(f"cannot read {directory / EPISODES_FILE}: {error}") from error
+    names = list(describe(next(plan.flights())))
+    groups: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
+    for row in rows:
+        groups.setdefault(tuple(row[name] for name in names), []).append(row)
+    flown: Flown = {}
+    for flight in plan.flights():
+        found = groups.get(tuple(describe(flight).values()), [])
+        if len(found) == plan.episodes:
+            flown[flight.key] = {
+                name: np.array([row[name] for row in found], float) for name in EPISODE_FIGURES
+            }
+    return flown
+
+
+def reserve_directory(directory: Path) -> None:
+    """Make the directory, so that nothing is flown whose figures could not be kept.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryDirectory(dir=directory).cleanup()
+    except OSError as error:
+        raise InputError(f"cannot write to --out {directory}: {error.strerror or error}") from error
+
+
+def episodes_table(plan: Plan, flown: Flown) -> pa.Table:
+    """A row per method, setting and episode."""
+    seeds = evaluation_seeds(plan.seed, plan.episodes)
+    columns: dict[str, list[Any]] = {}
+    for flight in plan.flights():
+        if flight.key not in flown:
+            continue
+        described = describe(flight) | {"episode": list(range(plan.episodes)), "seed": seeds}
+        figures = {name: flown[flight.key][name].tolist() for name in EPISODE_FIGURES}
+        for name, values in (described | figures).items():
+            repeated = values if isinstance(values, list) else [values] * plan.episodes
+            columns.setdefault(name, []).extend(repeated)
+    return pa.table(columns)
+
+
+def summary_document(
+    plan: Plan, flown: Flown, settings: Mapping[str, Any], command: list[str], is_complete: bool
+) -> dict[str, Any]:
+    """The content of ``summary.json``, which is also what ``orchid eval --json`` prints."""
+    host = describe_host()
+    del host["name"]
+    return {
+        "schema": SCHEMA,
+        "status": "completed" if is_complete else "interrupted",
+        "date": f"{datetime.now(UTC):%Y-%m-%d}",
+        "command": command,
+        "versions": describe_versions(),
+        "host": host,
+        "settings": dict(settings),
+        "results": summarise_flights(plan, flown),
+    }
+
+
+def write_evaluation(
+    directory: Path, document: Mapping[str, Any], table: pa.Table, with_figures: bool = True
+) -> None:
+    """Fill the directory, ``summary.json`` last.
+
+    Raises:
+        RunFailedError: it cannot be written.
+    """
+    try:
+        with tempfile.TemporaryDirectory(prefix=".writing-", dir=directory) as name:
+            beside = Path(name)
+            pq.write_table(table, beside / EPISODES_FILE)
+            if with_figures and document["results"]:
+                from orchid_uav.experiments.figures import draw_figures
+
+                (beside / FIGURES_FOLDER).mkdir()
+                draw_figures(document["results"], beside / FIGURES_FOLDER)
+                shutil.rmtree(directory / FIGURES_FOLDER, ignore_errors=True)
+                (beside / FIGURES_FOLDER).rename(directory / FIGURES_FOLDER)
+            (beside / EPISODES_FILE).replace(directory / EPISODES_FILE)
+        write_json(directory / SUMMARY_FILE, document)
+    except OSError as error:
+        raise RunFailedError(f"cannot write to {directory}: {error.strerror or error}") from error

@@ -1,0 +1,305 @@
+"""Every method that can be evaluated, by its key, and policies from run directories beside them."""
+
+import difflib
+import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from orchid_uav.agents.actor import LocalActor, load_policy
+from orchid_uav.agents.heuristics import BalancedLoiter, Hover, Loiter, Track
+from orchid_uav.agents.learned import ExplorationNoise, Learned, ZeroAction
+from orchid_uav.agents.method import Method
+from orchid_uav.agents.planner import EVALUATIONS, Planner
+from orchid_uav.envs.arrays import ACTION_SIZE, OBSERVATION_SIZE
+from orchid_uav.experiments.configuration import RunConfig, flatten
+from orchid_uav.experiments.errors import InputError
+
+ALL, RULES, LEARNED = "all", "rules", "learned"
+"""Groups of methods, for ``--methods``."""
+ZERO = "-zero"
+METHOD_KEYS = (
+    "reward.objective",
+    "reward.shares",
+    "deployment.init",
+    "deployment.n_init",
+    "uav.observation",
+)
+"""What a run's configuration says of the method rather than of the world that it flies in."""
+_MMF, _PF = {"reward.objective": "mmf"}, {"reward.objective": "pf"}
+
+
+@dataclass(frozen=True)
+class Policy:
+    """A learned policy and the run that it comes from."""
+
+    actor: LocalActor
+    run: str
+    """The run's id."""
+    config: RunConfig
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One row of an evaluation."""
+
+    key: str
+    idea: str
+    overrides: Mapping[str, Any]
+    """Parameters that belong to the method, by ``"section.key"``."""
+    make: Callable[[Sequence[int]], Method]
+    """The method, for worlds of the given seeds."""
+    policy: Policy | None = None
+    deterministic: bool = True
+    is_comparable: bool = True
+    """False if it serves other users than the others do."""
+    cost: float = 1.0
+    """Rough duration of a flight, that of hovering being 1, to tell the time left."""
+
+    @property
+    def label(self) -> str:
+        """The key, and whether actions are sampled."""
+        return self.key if self.deterministic else f"{self.key}, sampled"
+
+
+@dataclass(frozen=True)
+class _Released:
+    idea: str
+    overrides: Mapping[str, Any] = field(default_factory=lambda: _MMF)
+
+
+RELEASED: dict[str, _Released] = {
+    "orchid": _Released("MAPPO and Reset-and-Finetune: the paper's proposal"),
+    "orchid-no-rf": _Released("the same without Reset-and-Finetune"),
+    "orchid-pf": _Released("proportional fairness in reward and shares, repeated resets", _PF),
+    "orchid-random-init": _Released(
+        "trained and flown from random starts", {**_MMF, "deployment.init": "random"}
+    ),
+    "maddpg-pf": _Released("Baseline 1: MADDPG, proportional fairness", _PF),
+    "maddpg-mmf": _Released("Baseline 2: MADDPG, max-min fairness"),
+}
+"""The policies that come with the package, in ``orchid_uav.reference``."""
+
+COMMANDS: dict[str, tuple[str, ...]] = {
+    "orchid": (),
+    "orchid-no-rf": ("--no-rf",),
+    "orchid-pf": ("--objective", "pf", "--episodes", "1000", "--set", "reset.max_resets=3"),
+    "orchid-random-init": ("--init", "random"),
+    "maddpg-pf": ("--algorithm", "maddpg", "--objective", "pf"),
+    "maddpg-mmf": ("--algorithm", "maddpg"),
+}
+"""Arguments of ``orchid train`` that each of them was trained with."""
+
+
+def rules(planner_evaluations: int = EVALUATIONS) -> dict[str, Entry]:
+    """The methods that need no training, by their keys."""
+    planning = 3.0 * planner_evaluations / 30.0
+    entries = [
+        Entry("static-pf", "Baseline 3: hover at the K-Means centroids", _PF, lambda _: Hover()),
+        Entry("static-mmf", "the same with max-min shares", _MMF, lambda _: Hover()),
+        Entry(
+            "static-pf-full-power", "static-pf at full power", _PF, lambda _: Hover(full_power=True)
+        ),
+        Entry(
+            "static-mmf-full-power",
+            "static-mmf at full power",
+            _MMF,
+            lambda _: Hover(full_power=True),
+        ),
+        Entry("loiter-pf", "circle the centroids instead", _PF, lambda _: Loiter()),
+        Entry("loiter-mmf", "circle the centroids instead", _MMF, lambda _: Loiter()),
+        Entry(
+            "balanced-loiter",
+            "circle the most balanced of 31 K-Means results",
+            _MMF,
+            lambda _: BalancedLoiter(),
+            cost=6.0,
+        ),
+        Entry(
+            "track",
+            "K-Means again every 10 s, then circle",
+            _MMF,
+            lambda _: Track(),
+            cost=3.0,
+        ),
+        Entry(
+            "planner",
+            "CMA-ES over positions and powers, then circle",
+            _MMF,
+            lambda _: Planner(planner_evaluations),
+            cost=planning,
+        ),
+        Entry(
+            "balanced-loiter-retargeted",
+            "balanced-loiter that also chooses whom to serve",
+            _MMF,
+            lambda _: BalancedLoiter(keeps_targets=False),
+            is_comparable=False,
+            cost=6.0,
+        ),
+        Entry(
+            "planner-retargeted",
+            "planner that also chooses whom to serve",
+            _MMF,
+            lambda _: Planner(planner_evaluations, keeps_targets=False),
+            is_comparable=False,
+            cost=planning,
+        ),
+    ]
+    return {entry.key: entry for entry in entries}
+
+
+def known_methods() -> list[str]:
+    """Keys that ``--methods`` takes, besides the groups."""
+    learned = [key + suffix for key in RELEASED for suffix in ("", ZERO)]
+    return [*learned, *rules()]
+
+
+def select(
+    methods: Sequence[str],
+    runs: Iterable[Path] = (),
+    stochastic: bool = False,
+    planner_evaluations: int = EVALUATIONS,
+) -> list[Entry]:
+    """The rows of an evaluation, in the order of the catalogue, then the given runs.
+
+    Args:
+        methods: keys or groups: "all" comparable ones, "learned" ones with their twins, "rules".
+        runs: run directories, each with its zero-action twin.
+        stochastic: add a row with sampled actions to every row of a learned policy.
+        planner_evaluations: the planner's budget per topology.
+
+    Raises:
+        InputError: an unknown key, or a run that cannot be flown.
+    """
+    catalogue = rules(planner_evaluations)
+    known = known_methods()
+    comparable_rules = [key for key, entry in catalogue.items() if entry.is_comparable]
+    learned = [key for key in known if key not in catalogue]
+    groups = {ALL: [*learned, *comparable_rules], RULES: comparable_rules, LEARNED: learned}
+    wanted: set[str] = set()
+    for key in methods:
+        if key not in {*groups, *known}:
+            raise InputError(_unknown(key, [*groups, *known]))
+        wanted.update(groups.get(key, [key]))
+    entries: list[Entry] = []
+    for key in known:
+        if key not in wanted:
+            continue
+        if key in catalogue:
+            entries.append(catalogue[key])
+        else:
+            name = key.removesuffix(ZERO)
+            policy = read_released(name)
+            overrides, idea = RELEASED[name].overrides, RELEASED[name].idea
+            entries += _rows_of(policy, name, overrides, idea, stochastic, key.endswith(ZERO))
+    seen: set[str] = set()
+    for path in runs:
+        policy = read_run(path)
+        if policy.run in seen:
+            raise InputError(f"run {policy.run} is given twice")
+        seen.add(policy.run)
+        overrides = {key: flatten(policy.config)[key] for key in METHOD_KEYS}
+        for is_zero in (False, True):
+            entries += _rows_of(policy, policy.run, overrides, str(path), stochastic, is_zero)
+    if not entries:
+        raise InputError("there is nothing to evaluate: name methods or runs")
+    return entries
+
+
+def _rows_of(
+    policy: Policy,
+    name: str,
+    overrides: Mapping[str, Any],
+    idea: str,
+    stochastic: bool,
+    is_zero: bool,
+) -> list[Entry]:
+    def make(is_sampled: bool) -> Callable[[Sequence[int]], Method]:
+        def method(seeds: Sequence[int]) -> Method:
+            noise = ExplorationNoise(policy.actor.log_std, seeds) if is_sampled else None
+            return ZeroAction(noise) if is_zero else Learned(policy.actor, noise)
+
+        return method
+
+    return [
+        Entry(
+            name + ZERO if is_zero else name,
+            f"{name} with its actions forced to zero" if is_zero else idea,
+            overrides,
+            make(is_sampled),
+            policy,
+            deterministic=not is_sampled,
+            cost=1.0 if is_zero else 4.0,
+        )
+        for is_sampled in ((False, True) if stochastic else (False,))
+    ]
+
+
+def read_released(key: str) -> Policy:
+    """A policy that comes with the package."""
+    path = Path(str(files("orchid_uav.reference"))) / key
+    return read_run(path)
+
+
+def read_run(path: Path) -> Policy:
+    """The policy of a run directory.
+
+    Raises:
+        InputError: no run, a run that goes on or failed, damaged files, or a policy for other
+            observations or actions than the environment's.
+    """
+    try:
+        record = json.loads((path / "run.json").read_text(encoding="utf-8"))
+        status, run = record["status"], str(record["id"])
+    except FileNotFoundError as error:
+        raise InputError(f"{path} is not a run directory: it has no run.json") from error
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(f"cannot read {path / 'run.json'}: {error}") from error
+    if status in ("running", "failed"):
+        state = "is still running, or died" if status == "running" else "failed"
+        raise InputError(f"run {run} {state}: only a run that ended has a policy to fly ({path})")
+    try:
+        config = RunConfig.model_validate_json((path / "config.json").read_text(encoding="utf-8"))
+        actor = load_policy(path)
+    except (OSError, ValueError) as error:
+        raise InputError(f"run {run} cannot be flown: {error}") from error
+    sizes = (actor.observation_size, actor.action_size)
+    if sizes != (OBSERVATION_SIZE, ACTION_SIZE):
+        raise InputError(
+            f"run {run} has a policy of {sizes[0]} observations and {sizes[1]} actions; the "
+            f"environment has {OBSERVATION_SIZE} and {ACTION_SIZE}"
+        )
+    return Policy(actor, run, config)
+
+
+def find_run(name: str, runs_dir: Path) -> Path:
+    """The directory of a run given as a path, an id, or a unique beginning of one.
+
+    Raises:
+        InputError: none or several fit.
+    """
+    given = Path(name).expanduser()
+    if given.is_dir():
+        return given
+    if not runs_dir.is_dir():
+        raise InputError(f"no run '{name}': there is no directory {runs_dir}")
+    ids = sorted(path.name for path in runs_dir.iterdir() if (path / "run.json").is_file())
+    found = [run for run in ids if run.startswith(name)]
+    if name in ids:
+        found = [name]
+    if len(found) == 1:
+        return runs_dir / found[0]
+    if found:
+        raise InputError(f"'{name}' begins {len(found)} runs: {', '.join(found[:4])} ...")
+    near = difflib.get_close_matches(name, ids, n=1, cutoff=0.3)
+    hint = f"; did you mean '{near[0]}'?" if near else ""
+    raise InputError(f"no run '{name}' in {runs_dir}{hint}")
+
+
+def _unknown(key: str, known: Sequence[str]) -> str:
+    near = difflib.get_close_matches(key, known, n=1, cutoff=0.4)
+    hint = f"did you mean '{near[0]}'?" if near else f"known are {', '.join(known)}"
+    return f"unknown method '{key}': {hint}"

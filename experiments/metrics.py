@@ -1,0 +1,64 @@
+"""How every figure of an episode is called, scaled and judged, for tables, plots and pages."""
+
+from typing import Literal, NamedTuple
+
+from orchid_uav.envs.metrics import DIAGNOSTIC_METRICS, EPISODE_METRICS
+
+HEADROOM = "headroom_share"
+"""Share of the room between ``loiter-mmf`` and ``planner`` in utility, a ratio of means."""
+
+
+class Metric(NamedTuple):
+    """A figure of evaluation."""
+
+    title: str
+    unit: str
+    """Of the scaled value; empty for plain numbers."""
+    scale: float
+    """Factor from the stored value to the shown one."""
+    digits: int
+    """Shown behind the point."""
+    better: Literal["higher", "lower"] | None
+    """None where more is neither better nor worse, or where methods cannot be compared by it."""
+
+    @property
+    def heading(self) -> str:
+        """Title with unit."""
+        return f"{self.title} ({self.unit})" if self.unit else self.title
+
+    def text(self, value: float) -> str:
+        """The value as it is shown, without its unit."""
+        return f"{value * self.scale:.{self.digits}f}"
+
+
+METRICS: dict[str, Metric] = {
+    "coverage": Metric("coverage", "", 1.0, 3, "higher"),
+    "energy_efficiency_bit_per_joule": Metric("energy efficiency", "Mbit/J", 1e-6, 3, "higher"),
+    "rate_jfi": Metric("rate JFI", "", 1.0, 3, "higher"),
+    "load_jfi": Metric("load JFI", "", 1.0, 3, "higher"),
+    "worst_rate_bps": Metric("worst user's rate", "Mbit/s", 1e-6, 2, "higher"),
+    "utility": Metric("utility", "", 1.0, 3, "higher"),
+    HEADROOM: Metric("share of the headroom", "%", 100.0, 0, "higher"),
+    "sum_rate_bps": Metric("sum rate", "Mbit/s", 1e-6, 0, "higher"),
+    "propulsion_power_w": Metric("propulsion power", "W", 1.0, 0, "lower"),
+    "thrust_energy_efficiency_bit_per_joule": Metric(
+        "energy efficiency, thrust paid for", "Mbit/J", 1e-6, 3, "higher"
+    ),
+    "reward": Metric("reward", "", 1.0, 1, None),
+    "collisions": Metric("collisions", "", 1.0, 2, "lower"),
+    "boundary_violations": Metric("boundary violations", "", 1.0, 1, "lower"),
+    "backhaul_violations": Metric("backhaul violations", "", 1.0, 1, "lower"),
+    "nearest_uav_m": Metric("distance to the nearest UAV", "m", 1.0, 0, None),
+    "gbs_rate_bps": Metric("GBS users' mean rate", "Mbit/s", 1e-6, 3, None),
+    "gbs_coverage": Metric("GBS users' coverage", "", 1.0, 3, None),
+    "blocking_pairs": Metric("blocking pairs", "", 1.0, 2, "lower"),
+}
+"""All metrics by their names, those that tell methods apart best first."""
+
+HEADLINE = tuple(METRICS)[:7]
+"""What is shown where there is no room for all."""
+
+EPISODE_FIGURES = (*EPISODE_METRICS, *DIAGNOSTIC_METRICS)
+"""Those that every single episode has."""
+
+assert set(METRICS) == {*EPISODE_FIGURES, HEADROOM}

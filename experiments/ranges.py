@@ -1,0 +1,61 @@
+"""Lists of numbers as people write them: ``4..10``, ``50..200:50``, ``4,6,8``, and mixes."""
+
+import re
+from decimal import Decimal
+
+from orchid_uav.experiments.errors import InputError
+
+MOST_VALUES = 10_000
+_NUMBER = r"[+-]?(?:\d+(?:\.\d+)?|\.\d+)(?:[eE][+-]?\d+)?"
+_PART = re.compile(rf"({_NUMBER})(?:\.\.({_NUMBER})(?::({_NUMBER}))?)?")
+_FORM = "like 6, 4,6,8, 4..10 or 50..200:50"
+
+
+def parse_numbers(text: str, what: str) -> list[float]:
+    """The numbers of a range, both ends included, each once and in the order given.
+
+    Steps are decimal, so 0..0.3:0.1 is 0, 0.1, 0.2, 0.3; a step that does not meet the end stops
+    before it.
+
+    Args:
+        text: parts divided by commas: a number, FIRST..LAST, or FIRST..LAST:STEP.
+        what: the option, for messages.
+
+    Raises:
+        InputError: not of that form, empty, or more than 10,000 values.
+    """
+    values: dict[float, None] = {}
+    for part in text.split(","):
+        for value in _parse_part(part.strip(), what):
+            values[float(value)] = None
+        if len(values) > MOST_VALUES:
+            raise InputError(f"{what} {text} has more than {MOST_VALUES:,} values")
+    return list(values)
+
+
+def parse_counts(text: str, what: str) -> list[int]:
+    """As :func:`parse_numbers`, for whole numbers of at least 1."""
+    values = parse_numbers(text, what)
+    for value in values:
+        if value != int(value) or value < 1:
+            raise InputError(f"{what} {text} contains {value:g}, which is no count of 1 or more")
+    return [int(value) for value in values]
+
+
+def _parse_part(part: str, what: str) -> list[Decimal]:
+    match = _PART.fullmatch(part)
+    if match is None:
+        raise InputError(f"{what} {part!r} is not a number or a range: write it {_FORM}")
+    first_text, last_text, step_text = match.groups()
+    first = Decimal(first_text)
+    if last_text is None:
+        return [first]
+    last, step = Decimal(last_text), Decimal(step_text or 1)
+    if step <= 0:
+        raise InputError(f"{what} {part} has the step {step_text}: it is above 0")
+    if last < first:
+        raise InputError(f"{what} {part} is empty: write the smaller number first")
+    count = int((last - first) / step) + 1
+    if count > MOST_VALUES:
+        raise InputError(f"{what} {part} has {count:,} values, more than {MOST_VALUES:,}")
+    return [first + index * step for index in range(count)]

@@ -1,0 +1,57 @@
+"""Means, standard deviations and intervals."""
+
+import warnings
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import DegenerateDataWarning, bootstrap
+
+Floats = NDArray[np.float64]
+
+RESAMPLES = 2000
+CONFIDENCE = 0.95
+INTERVAL = f"BCa bootstrap, {RESAMPLES} resamples, {CONFIDENCE:.0%}"
+
+
+def summarise(values: Floats) -> dict[str, Any]:
+    """Mean, standard deviation (ddof = 1) and interval of the mean: {"mean", "std", "ci95"}.
+
+    None for what so few values cannot give, or where a value is not a number.
+    """
+    if not len(values) or not np.isfinite(values).all():
+        return {"mean": None, "std": None, "ci95": None}
+    return {
+        "mean": float(np.mean(values)),
+        "std": float(np.std(values, ddof=1)) if len(values) > 1 else None,
+        "ci95": interval((values,), lambda sample, axis: np.mean(sample, axis=axis)),
+    }
+
+
+def interval(samples: tuple[Floats, ...], statistic: Callable[..., Any]) -> list[float] | None:
+    """BCa interval [low, high] of a statistic of paired samples; None for fewer than 2 values.
+
+    Args:
+        samples: of the same length, drawn together.
+        statistic: of the samples, along ``axis``.
+    """
+    if len(samples[0]) < 2:
+        return None
+    observed = float(statistic(*samples, axis=-1))
+    if all(np.ptp(sample) == 0.0 for sample in samples):
+        return [observed, observed]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DegenerateDataWarning)
+        result = bootstrap(
+            samples,
+            statistic,
+            n_resamples=RESAMPLES,
+            paired=True,
+            vectorized=True,
+            confidence_level=CONFIDENCE,
+            method="BCa",
+            rng=np.random.default_rng(0),
+        )
+    low, high = map(float, result.confidence_interval)
+    return [low, high] if np.isfinite([low, high]).all() else [observed, observed]

@@ -1,0 +1,281 @@
+"""``orchid eval``."""
+
+import json
+import shlex
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+
+from orchid_uav.cli.configuring import ConfigOption, SetOption
+from orchid_uav.cli.console import (
+    INTERRUPTED,
+    OUTPUT_PANEL,
+    DebugOption,
+    JsonOption,
+    QuietOption,
+    console,
+    failing_well,
+    print_line,
+    stdout_for_json_alone,
+)
+from orchid_uav.experiments.configuration import (
+    LEARNING_SECTIONS,
+    assignment_layer,
+    file_layer,
+    merge,
+)
+from orchid_uav.experiments.errors import InputError
+from orchid_uav.experiments.ranges import parse_counts, parse_numbers
+
+if TYPE_CHECKING:
+    from orchid_uav.experiments.configuration import Layer, RunConfig
+    from orchid_uav.experiments.evaluation import Plan, Setting
+    from orchid_uav.experiments.methods import Entry
+
+_METHODS, _SETTINGS = "Methods", "Settings"
+_DISTRIBUTIONS = ("tcp", "uniform")
+
+
+def _option(panel: str, text: str, *names: str, **more: Any) -> Any:
+    return typer.Option(*names, help=text, rich_help_panel=panel, **more)
+
+
+def evaluate(
+    context: typer.Context,
+    runs: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[RUN]...",
+            help="Runs to fly: ids, beginnings of ids, or paths. Without, the released policies.",
+            show_default=False,
+        ),
+    ] = None,
+    methods: Annotated[
+        str | None,
+        _option(
+            _METHODS,
+            "all, learned, rules, or keys divided by commas (default: all; with RUN, rules).",
+            show_default=False,
+        ),
+    ] = None,
+    stochastic: Annotated[
+        bool, _option(_METHODS, "Fly learned policies with sampled actions as well.")
+    ] = False,
+    planner_evaluations: Annotated[
+        int, _option(_METHODS, "Plans that the planner judges per topology.", min=31)
+    ] = 3000,
+    uavs: Annotated[str, _option(_SETTINGS, "Numbers of UAVs, like 4..10.")] = "6",
+    users: Annotated[str, _option(_SETTINGS, "Numbers of users, like 50..200:50.")] = "100",
+    speeds: Annotated[
+        str, _option(_SETTINGS, "Users' greatest speeds in m/s, like 0..15:2.5.")
+    ] = "0",
+    heading_hold: Annotated[
+        str, _option(_SETTINGS, "How long users keep a heading in s, like 1,20.")
+    ] = "1",
+    distribution: Annotated[
+        str, _option(_SETTINGS, "Where users are: tcp, uniform, or tcp,uniform.")
+    ] = "tcp",
+    episodes: Annotated[int, _option(_SETTINGS, "Topologies per setting.", min=1)] = 100,
+    seed: Annotated[int, _option(_SETTINGS, "Seed of the topologies.", min=0, max=2**63 - 1)] = 0,
+    config: ConfigOption = None,
+    assignments: SetOption = None,
+    metrics: Annotated[
+        str,
+        _option(OUTPUT_PANEL, "Tables to print: main, all, or names divided by commas."),
+    ] = "main",
+    out: Annotated[
+        Path | None,
+        _option(
+            OUTPUT_PANEL, "Directory to make (default: ./orchid-eval/TIME).", show_default=False
+        ),
+    ] = None,
+    runs_dir: Annotated[
+        Path, _option(OUTPUT_PANEL, "Where RUN is looked for.", envvar="ORCHID_RUNS_DIR")
+    ] = Path("runs"),
+    figures: Annotated[
+        bool, _option(OUTPUT_PANEL, "Draw a figure per metric.", "--figures/--no-figures")
+    ] = True,
+    as_json: JsonOption = False,
+    quiet: QuietOption = False,
+    debug: DebugOption = False,
+) -> None:
+    """Fly all methods over the same held-out topologies: tables, figures, a row per episode.
+
+    The policies trained with 6 UAVs and 100 users fly every setting; lists are crossed. Ctrl-C
+    keeps what is done; the same command with the same --out goes on.
+
+    Example: orchid eval --uavs 4..10 --methods orchid,orchid-zero,static-mmf,loiter-mmf
+    """
+    with failing_well(debug), stdout_for_json_alone(as_json):
+        from orchid_uav.experiments.evaluation import evaluate as fly
+        from orchid_uav.experiments.evaluation_files import (
+            describe_plan,
+            episodes_table,
+            make_default_directory,
+            read_interrupted,
+            reserve_directory,
+            summary_document,
+            write_evaluation,
+        )
+        from orchid_uav.experiments.methods import find_run, select
+
+        settings = _settings(distribution, uavs, users, speeds, heading_hold)
+        shown_metrics = _metrics(metrics)
+        world = _world(config, assignments or [])
+        paths = [find_run(name, runs_dir.expanduser()) for name in runs or []]
+        names = (methods or ("rules" if paths else "all")).split(",")
+        entries = select([name.strip() for name in names], paths, stochastic, planner_evaluations)
+        plan = _plan(entries, settings, episodes, seed, world)
+        description = describe_plan(plan, planner_evaluations)
+        flown = {} if out is None else read_interrupted(out.expanduser(), plan, description)
+        directory = make_default_directory() if out is None else out.expanduser()
+        reserve_directory(directory)
+
+        shown = console(stderr=as_json)
+        _announce(shown, plan, world, flown)
+        try:
+            flown, is_complete = fly(plan, _progress(shown, quiet), flown)
+        except BaseException:
+            _remove_if_empty(directory)
+            raise
+        command = ["orchid", *context.obj]
+        document = summary_document(plan, flown, description, command, is_complete)
+        if flown:
+            write_evaluation(directory, document, episodes_table(plan, flown), figures)
+        else:
+            _remove_if_empty(directory)
+        if as_json:
+            _print_json(document)
+        elif flown:
+            from orchid_uav.cli.evaluation_tables import print_tables
+
+            print_tables(shown, document["results"], shown_metrics)
+        if flown:
+            print_line(shown, f"{document['status']}: {directory}")
+        if not is_complete:
+            again = shlex.join([*command, *([] if out else ["--out", str(directory)])])
+            print_line(console(stderr=True), f"interrupted; this goes on: {again}")
+            raise typer.Exit(INTERRUPTED)
+
+
+def _settings(
+    distribution: str, uavs: str, users: str, speeds: str, heading_hold: str
+) -> list["Setting"]:
+    from itertools import product
+
+    from orchid_uav.experiments.evaluation import Setting
+
+    distributions = list(dict.fromkeys(part.strip() for part in distribution.split(",")))
+    for name in distributions:
+        if name not in _DISTRIBUTIONS:
+            raise InputError(f"--distribution {name!r} is neither tcp nor uniform")
+    return [
+        Setting(*combination)  # type: ignore[arg-type]
+        for combination in product(
+            distributions,
+            parse_counts(uavs, "--uavs"),
+            parse_counts(users, "--users"),
+            parse_numbers(speeds, "--speeds"),
+            parse_numbers(heading_hold, "--heading-hold"),
+        )
+    ]
+
+
+def _world(config: Path | None, assignments: list[str]) -> "RunConfig":
+    from orchid_uav.experiments.evaluation import SETTING_KEYS
+
+    layers: list[Layer] = [] if config is None else [file_layer(config)]
+    given = assignment_layer(assignments)
+    for key in given.values:
+        section = key.partition(".")[0]
+        if key in SETTING_KEYS:
+            raise InputError(f"--set {key}: use {SETTING_KEYS[key]}, which takes lists")
+        if key == "reward.objective":
+            raise InputError(f"--set {key}: it belongs to the method, see --methods")
+        if section in LEARNING_SECTIONS:
+            raise InputError(f"--set {key}: nothing is trained here, so it would have no effect")
+    return merge([*layers, given])[0]
+
+
+def _plan(
+    entries: list["Entry"],
+    settings: list["Setting"],
+    episodes: int,
+    seed: int,
+    world: "RunConfig",
+) -> "Plan":
+    from orchid_uav.experiments.evaluation import Plan
+
+    plan = Plan(entries, settings, episodes, seed, world.network_parameters)
+    plan.check()
+    return plan
+
+
+def _metrics(text: str) -> list[str]:
+    import difflib
+
+    from orchid_uav.experiments.metrics import HEADLINE, METRICS
+
+    if text in ("main", "all"):
+        return list(HEADLINE if text == "main" else METRICS)
+    names = [name.strip() for name in text.split(",")]
+    for name in names:
+        if name not in METRICS:
+            near = difflib.get_close_matches(name, METRICS, n=1, cutoff=0.3)
+            hint = f"did you mean '{near[0]}'?" if near else f"known are {', '.join(METRICS)}"
+            raise InputError(f"unknown metric '{name}': {hint}")
+    return names
+
+
+def _announce(out: Console, plan: "Plan", world: "RunConfig", flown: dict[Any, Any]) -> None:
+    from orchid_uav.experiments.evaluation import world_differences
+
+    def listed(values: list[Any], unit: str = "") -> str:
+        return ", ".join(f"{value:g}" for value in dict.fromkeys(values)) + unit
+
+    settings = plan.settings
+    print_line(out, f"UAVs {listed([setting.uavs for setting in settings])}")
+    print_line(out, f"users {listed([setting.users for setting in settings])}")
+    print_line(out, f"speeds {listed([setting.speed_mps for setting in settings], ' m/s')}")
+    holds = listed([setting.heading_hold_s for setting in settings], " s")
+    print_line(out, f"headings held {holds}")
+    distributions = dict.fromkeys(setting.distribution for setting in settings)
+    print_line(out, f"distributions {', '.join(distributions)}")
+    total = len(settings) * len(plan.entries) * plan.episodes
+    print_line(
+        out,
+        f"{len(settings):,} settings x {len(plan.entries)} methods x {plan.episodes:,} topologies "
+        f"= {total:,} flights" + (f", {len(flown)} batches of them flown before" if flown else ""),
+    )
+    told: set[str] = set()
+    for entry in plan.entries:
+        if entry.policy is not None and entry.policy.run not in told:
+            told.add(entry.policy.run)
+            differing = world_differences(entry.policy, world)
+            if differing:
+                print_line(
+                    console(stderr=True),
+                    f"note: {entry.key} was trained in another world: {', '.join(differing)}",
+                )
+
+
+def _progress(out: Console, quiet: bool) -> Any:
+    from orchid_uav.cli.evaluation_display import LineProgress, LiveProgress, SilentProgress
+
+    if quiet:
+        return SilentProgress()
+    has_cursor = out.is_terminal and not out.is_dumb_terminal
+    return LiveProgress(out) if has_cursor else LineProgress(out)
+
+
+def _print_json(document: dict[str, Any]) -> None:
+    import sys
+
+    sys.__stdout__.write(json.dumps(document, allow_nan=False) + "\n")  # type: ignore[union-attr]
+
+
+def _remove_if_empty(directory: Path) -> None:
+    if directory.is_dir() and not any(directory.iterdir()):
+        directory.rmdir()

@@ -1,0 +1,93 @@
+"""How far an evaluation is, on terminals and in logs."""
+
+import time
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+from orchid_uav.cli.console import print_line
+from orchid_uav.experiments.evaluation import Flight
+
+_SECONDS_BETWEEN_LINES = 5.0
+
+
+def _describe(flight: Flight) -> str:
+    setting = flight.setting
+    return (
+        f"{flight.entry.label}, {setting.uavs} UAVs, {setting.users} users, "
+        f"{setting.speed_mps:g} m/s, {setting.distribution}"
+    )
+
+
+class SilentProgress:
+    """Shows nothing."""
+
+    def begin(self, total_cost: float) -> None:
+        """Nothing."""
+
+    def advance(self, flight: Flight, cost: float) -> None:
+        """Nothing."""
+
+    def end(self) -> None:
+        """Nothing."""
+
+
+class LineProgress:
+    """A line every few seconds, for logs."""
+
+    def __init__(self, out: Console) -> None:
+        self._out = out
+
+    def begin(self, total_cost: float) -> None:
+        """Take the time."""
+        self._total, self._done = total_cost, 0.0
+        self._began_s = self._last_line_s = time.monotonic()
+
+    def advance(self, flight: Flight, cost: float) -> None:
+        """Print a line if one is due."""
+        self._done += cost
+        now_s = time.monotonic()
+        if now_s - self._last_line_s >= _SECONDS_BETWEEN_LINES:
+            self._last_line_s = now_s
+            left_s = (now_s - self._began_s) * (self._total - self._done) / self._done
+            share = self._done / self._total
+            print_line(self._out, f"{share:.0%}: {_describe(flight)}; about {left_s:.0f} s left")
+
+    def end(self) -> None:
+        """Nothing more to say."""
+
+
+class LiveProgress:
+    """A progress bar, for terminals."""
+
+    def __init__(self, out: Console) -> None:
+        self._progress = Progress(
+            BarColumn(bar_width=None),
+            TextColumn("{task.percentage:.0f} %"),
+            TimeElapsedColumn(),
+            TextColumn("left"),
+            TimeRemainingColumn(),
+            TextColumn("{task.description}"),
+            console=out,
+            expand=True,
+            transient=True,
+        )
+
+    def begin(self, total_cost: float) -> None:
+        """Open the display."""
+        self._task = self._progress.add_task("", total=total_cost)
+        self._progress.start()
+
+    def advance(self, flight: Flight, cost: float) -> None:
+        """Move on."""
+        self._progress.update(self._task, advance=cost, description=_describe(flight))
+
+    def end(self) -> None:
+        """Close the display."""
+        self._progress.stop()

@@ -1,0 +1,1 @@
+"""Released policies with their full records: one run directory for each key."""
