@@ -56,7 +56,7 @@ clean:  ## remove everything that was built; runs stay
 
 # Rewritten only when the list of files has changed.
 .venv/.files: FORCE | .venv/.installed
-	@find $(ROOMS) -name '*.py' | LC_ALL=C sort > $@.new
+	@{ find $(ROOMS) -name '*.py'; find runs/reference -type f; } | LC_ALL=C sort > $@.new
 	@cmp -s $@.new $@ || cp $@.new $@
 	@rm $@.new
 

@@ -169,46 +169,43 @@ def _count_blocking_pairs(constants: Constants, worlds: Worlds, world: int) -> i
         for uav in range(uavs):
             if uav == association[user]:
                 continue
-            # Its own UAV is received best: over a weaker link it cannot do better than over this.
-            efficiency = efficiencies[user]
-            if (
-                _rate_after_joining_bps(
-                    constants, efficiency, loads[uav], sums[uav], inverse_sums[uav]
+            cell = (loads[uav], sums[uav], inverse_sums[uav], square_sums[uav])
+            enough_for_uav_bps = throughputs_bps[uav] * _LEAST_GAIN
+            # Its own UAV is received best: a change that would not pay over as good a link does not
+            # pay, and most links need not be computed.
+            if _both_gain(constants, efficiencies[user], cell, enough_bps, enough_for_uav_bps):
+                efficiency = _link_efficiency(constants, worlds, world, uav, user)
+                pairs += efficiency > 0.0 and _both_gain(
+                    constants, efficiency, cell, enough_bps, enough_for_uav_bps
                 )
-                <= enough_bps
-            ):
-                continue
-            efficiency = _link_efficiency(constants, worlds, world, uav, user)
-            if efficiency <= 0.0:
-                continue
-            rate_bps = _rate_after_joining_bps(
-                constants, efficiency, loads[uav], sums[uav], inverse_sums[uav]
-            )
-            throughput_bps = cell_throughput_bps(
-                constants.share_rule,
-                constants.bandwidth_hz,
-                loads[uav] + 1,
-                sums[uav] + efficiency,
-                inverse_sums[uav] + 1.0 / efficiency,
-                square_sums[uav] + efficiency**2,
-            )
-            uav_gains = throughput_bps > throughputs_bps[uav] * _LEAST_GAIN
-            pairs += (rate_bps > enough_bps) & uav_gains
     return pairs
 
 
 @njit(error_model="numpy")
-def _rate_after_joining_bps(
-    constants: Constants, efficiency: float, load: int, cell_sum: float, cell_inverse_sum: float
-) -> float:
-    share = bandwidth_share(
+def _both_gain(
+    constants: Constants,
+    efficiency: float,
+    cell: tuple[int, float, float, float],
+    enough_for_user_bps: float,
+    enough_for_uav_bps: float,
+) -> bool:
+    """Whether a user of this spectral efficiency gains by joining a cell, and the cell with it."""
+    load, cell_sum, cell_inverse_sum, cell_square_sum = cell
+    load += 1
+    cell_sum += efficiency
+    cell_inverse_sum += 1.0 / efficiency
+    share = bandwidth_share(constants.share_rule, efficiency, load, cell_sum, cell_inverse_sum)
+    if user_rate_bps(share, constants.bandwidth_hz, efficiency) <= enough_for_user_bps:
+        return False
+    throughput_bps = cell_throughput_bps(
         constants.share_rule,
-        efficiency,
-        load + 1,
-        cell_sum + efficiency,
-        cell_inverse_sum + 1.0 / efficiency,
+        constants.bandwidth_hz,
+        load,
+        cell_sum,
+        cell_inverse_sum,
+        cell_square_sum + efficiency**2,
     )
-    return user_rate_bps(share, constants.bandwidth_hz, efficiency)
+    return throughput_bps > enough_for_uav_bps
 
 
 @njit(error_model="numpy")

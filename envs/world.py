@@ -68,6 +68,10 @@ class Topologies(NamedTuple):
     walk_keys: NDArray[np.uint64]
     """Seeds of the users' random walks, (B,)."""
 
+    def chosen(self, worlds: slice) -> "Topologies":
+        """Those of some of the worlds."""
+        return Topologies(*(array[worlds] for array in self))  # type: ignore[arg-type]
+
     @classmethod
     def empty(cls, worlds: int, uavs: int, users: int) -> "Topologies":
         """Arrays of the right shapes and types, all zero."""

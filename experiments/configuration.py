@@ -158,9 +158,7 @@ class RunConfig(Parameters):
         return Parameters.model_validate(self.model_dump(include=set(Parameters.model_fields)))
 
 
-LEARNING_SECTIONS = tuple(
-    name for name in RunConfig.model_fields if name not in Parameters.model_fields
-)
+LEARNING_SECTIONS = tuple(RunConfig.model_fields)[len(Parameters.model_fields) :]
 """Sections that say how is learned, not what world there is."""
 
 PRESETS: dict[str, dict[str, dict[str, Any]]] = {"paper": {}}

@@ -183,7 +183,7 @@ def _fly(plan: Plan, flight: Flight, topologies: _Topologies, progress: Progress
     parts = []
     for first in range(0, plan.episodes, _WORLDS_AT_ONCE):
         chosen = slice(first, first + _WORLDS_AT_ONCE)
-        some = Topologies(*(array[chosen] for array in all_topologies))
+        some = all_topologies.chosen(chosen)
         parts.append(_fly_batch(flight.entry, parameters, some, topologies.seeds[chosen]))
         progress.advance(flight, _cost(flight) * len(parts[-1]["reward"]) / plan.episodes)
     return {name: np.concatenate([part[name] for part in parts]) for name in EPISODE_FIGURES}

@@ -42,6 +42,8 @@ def interval(samples: tuple[Floats, ...], statistic: Callable[..., Any]) -> list
     if all(np.ptp(sample) == 0.0 for sample in samples):
         return [observed, observed]
     with warnings.catch_warnings():
+        # Values that differ by rounding alone have no acceleration constant.
+        warnings.simplefilter("ignore", RuntimeWarning)
         warnings.simplefilter("ignore", DegenerateDataWarning)
         result = bootstrap(
             samples,

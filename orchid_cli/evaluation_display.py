@@ -15,6 +15,7 @@ from orchid_uav.cli.console import print_line
 from orchid_uav.experiments.evaluation import Flight
 
 _SECONDS_BETWEEN_LINES = 5.0
+_LEAST_SHARE = 0.02
 
 
 def _describe(flight: Flight) -> str:
@@ -55,6 +56,8 @@ class LineProgress:
         now_s = time.monotonic()
         if now_s - self._last_line_s >= _SECONDS_BETWEEN_LINES:
             self._last_line_s = now_s
+            if self._done < _LEAST_SHARE * self._total:  # compilation tells nothing of the rest
+                return
             left_s = (now_s - self._began_s) * (self._total - self._done) / self._done
             share = self._done / self._total
             print_line(self._out, f"{share:.0%}: {_describe(flight)}; about {left_s:.0f} s left")

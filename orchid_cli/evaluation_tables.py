@@ -51,7 +51,7 @@ def _print(
 
 
 def _column(results: Sequence[Result | None], metric: str) -> list[str]:
-    """Texts of one metric in one setting; every method that is best at the shown digits is marked."""
+    """Texts of one metric in one setting; what is best at the shown digits is marked."""
     described = METRICS[metric]
     means = [None if result is None else result[metric]["mean"] for result in results]
     shown = [None if mean is None else float(described.text(mean)) for mean in means]
