@@ -8,7 +8,7 @@ ROOMS := src envs agents callbacks experiments orchid_cli
 JOBS ?= 2
 
 .DEFAULT_GOAL := help
-.PHONY: help install train test lint bench docs docs-data mutants clean FORCE
+.PHONY: help install train test lint bench docs docs-data mutants reference clean FORCE
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -33,6 +33,10 @@ bench: install  ## measure speed and memory, ratios within one run; then make do
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt 'mobile-env'
 	$(BIN)/python -m benchmarks.simulator --json benchmarks/results/simulator.json
 	$(BIN)/python -m benchmarks.training --repetitions 5 --json benchmarks/results/training.json
+	$(BIN)/python -m benchmarks.evaluation --json benchmarks/results/evaluation.json
+
+reference: install  ## train the released policies anew, into runs/reference; about half an hour
+	$(BIN)/python -m benchmarks.reference_policies
 
 docs-data: install  ## numbers and figures of the documentation, from benchmarks/results
 	$(BIN)/python -m docs.generate

@@ -40,6 +40,11 @@ class LocalActor:
         self.observation_size = self._layers[0][0].shape[0]
         self.action_size = self._layers[-1][0].shape[1]
 
+    @property
+    def layers(self) -> list[tuple[Floats, Floats]]:
+        """(weight (out, in), bias (out,)) of every layer, in order."""
+        return [(weight.T, bias) for weight, bias in self._layers]
+
     def act(self, observation: ArrayLike) -> Floats:
         """Actions (n, A) in [-1, 1] for local observations (n, O), n being any number of UAVs.
 
