@@ -108,7 +108,7 @@ def evaluate(
 
     Example: orchid eval --uavs 4..10 --methods orchid,orchid-zero,static-mmf,loiter-mmf
     """
-    with failing_well(debug), stdout_for_json_alone(as_json):
+    with failing_well(debug):
         from orchid_uav.experiments.evaluation import evaluate as fly
         from orchid_uav.experiments.evaluation_files import (
             describe_plan,
@@ -134,20 +134,19 @@ def evaluate(
         reserve_directory(directory)
 
         shown = console(stderr=as_json)
-        _announce(shown, plan, world, flown)
-        try:
-            flown, is_complete = fly(plan, _progress(shown, quiet), flown)
-        except BaseException:
-            _remove_if_empty(directory)
-            raise
         command = ["orchid", *context.obj]
-        document = summary_document(plan, flown, description, command, is_complete)
-        if flown:
-            write_evaluation(directory, document, episodes_table(plan, flown), figures)
-        else:
-            _remove_if_empty(directory)
+        with stdout_for_json_alone(as_json):
+            _announce(shown, plan, world, flown)
+            try:
+                flown, is_complete = fly(plan, _progress(shown, quiet), flown)
+                document = summary_document(plan, flown, description, command, is_complete)
+                if flown:
+                    table = episodes_table(plan, flown)
+                    write_evaluation(directory, document, table, figures)
+            finally:
+                _remove_if_empty(directory)
         if as_json:
-            _print_json(document)
+            print(json.dumps(document, allow_nan=False))
         elif flown:
             from orchid_uav.cli.evaluation_tables import print_tables
 
@@ -268,12 +267,6 @@ def _progress(out: Console, quiet: bool) -> Any:
         return SilentProgress()
     has_cursor = out.is_terminal and not out.is_dumb_terminal
     return LiveProgress(out) if has_cursor else LineProgress(out)
-
-
-def _print_json(document: dict[str, Any]) -> None:
-    import sys
-
-    sys.__stdout__.write(json.dumps(document, allow_nan=False) + "\n")  # type: ignore[union-attr]
 
 
 def _remove_if_empty(directory: Path) -> None:

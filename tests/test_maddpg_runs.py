@@ -126,6 +126,13 @@ class TestConfiguration:
         with pytest.raises(InputError, match=r"training\.algorithm"):
             merge([Layer("--set", {"training.algorithm": wrong})])
 
+    def test_a_buffer_of_one_batch_is_enough(self):
+        sizes = {"maddpg.buffer_size": 8, "maddpg.batch_size": 8}
+        assert merge([Layer("--set", sizes)])[0].maddpg.buffer_size == 8
+        model = small_maddpg(buffer_size=8, batch_size=8)
+        model.learn(2 * 20)
+        assert model._n_updates == 4  # after eight slots of twenty, and every four from there
+
     @pytest.mark.parametrize(
         ("assignments", "parts"),
         [

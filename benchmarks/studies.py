@@ -1,0 +1,89 @@
+"""The evaluations that the documentation shows: ``make studies``.
+
+Each is one ``orchid eval`` command; its summary is kept without what nobody reads at six digits.
+"""
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from orchid_uav.experiments.evaluation_files import SUMMARY_FILE
+from orchid_uav.experiments.files import write_atomically
+
+RESULTS = Path(__file__).parent / "results"
+DIGITS = 6
+PLANNER_BUDGETS = (31, 100, 300, 1000, 3000, 10000)
+PAPER_AND_BOUNDS = (
+    "orchid,orchid-no-rf,maddpg-pf,maddpg-mmf,static-pf,static-mmf,loiter-mmf,balanced-loiter,"
+    "planner"
+)
+
+STUDIES: dict[str, tuple[str, ...]] = {
+    "methods": (
+        *("--methods", "all,balanced-loiter-retargeted,planner-retargeted"),
+        "--stochastic",
+    ),
+    "uavs": ("--uavs", "4..10", "--methods", PAPER_AND_BOUNDS),
+    "mobility": (
+        *("--speeds", "0..15:5", "--heading-hold", "1,20"),
+        *("--methods", "orchid,maddpg-mmf,static-mmf,loiter-mmf,balanced-loiter,track,planner"),
+    ),
+    **{
+        f"planner_{budget}": (
+            *("--methods", "loiter-mmf,balanced-loiter,planner"),
+            *("--planner-evaluations", str(budget)),
+        )
+        for budget in PLANNER_BUDGETS
+    },
+}
+
+
+def run(name: str) -> None:
+    """Fly a study and write its summary."""
+    environment = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    with tempfile.TemporaryDirectory() as directory:
+        out = Path(directory) / "out"
+        command = [sys.executable, "-m", "orchid_uav", "eval", *STUDIES[name], "--quiet"]
+        subprocess.run(
+            [*command, "--no-figures", "--out", str(out)],
+            check=True,
+            stdout=subprocess.DEVNULL,
+            env=environment,
+        )
+        document = json.loads((out / SUMMARY_FILE).read_text(encoding="utf-8"))
+    document["command"] = ["orchid", "eval", *STUDIES[name]]
+    text = json.dumps(_rounded(document), ensure_ascii=False, separators=(",", ":"))
+    # A result a line, so that a change shows what has changed.
+    text = text.replace('{"method":"', '\n{"method":"')
+    write_atomically(RESULTS / f"{name}.json", (text + "\n").encode())
+
+
+def _rounded(value: Any) -> Any:
+    if isinstance(value, float):
+        return float(f"{value:.{DIGITS}g}")
+    if isinstance(value, list):
+        return [_rounded(one) for one in value]
+    if isinstance(value, dict):
+        return {key: _rounded(one) for key, one in value.items()}
+    return value
+
+
+def main() -> None:
+    """Run all, or those named."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("names", nargs="*", metavar="STUDY")
+    arguments = parser.parse_args()
+    if unknown := set(arguments.names) - set(STUDIES):
+        parser.error(f"unknown: {', '.join(unknown)}; known: {', '.join(STUDIES)}")
+    for name in arguments.names or STUDIES:
+        run(name)
+        print(f"wrote {name}.json", flush=True)
+
+
+if __name__ == "__main__":
+    main()
