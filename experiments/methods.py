@@ -82,13 +82,18 @@ RELEASED: dict[str, _Released] = {
 }
 """The policies that come with the package, in ``orchid_uav.reference``."""
 
+_TUNED_MADDPG = (
+    *("--set", "maddpg.actor_learning_rate=1e-5", "--set", "maddpg.critic_learning_rate=3e-3"),
+    *("--set", "maddpg.discount=0.97", "--set", "maddpg.preactivation_penalty=0.1"),
+)
+"""Best trial of benchmarks/results/tuning.json; see docs/methods.md."""
 COMMANDS: dict[str, tuple[str, ...]] = {
     "orchid": (),
     "orchid-no-rf": ("--no-rf",),
     "orchid-pf": ("--objective", "pf", "--episodes", "1000", "--set", "reset.max_resets=3"),
     "orchid-random-init": ("--init", "random"),
-    "maddpg-pf": ("--algorithm", "maddpg", "--objective", "pf"),
-    "maddpg-mmf": ("--algorithm", "maddpg"),
+    "maddpg-pf": ("--algorithm", "maddpg", "--objective", "pf", *_TUNED_MADDPG),
+    "maddpg-mmf": ("--algorithm", "maddpg", *_TUNED_MADDPG),
 }
 """Arguments of ``orchid train`` that each of them was trained with."""
 

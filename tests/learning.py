@@ -157,17 +157,14 @@ class Clock(ConstantReward):
 class Wishes(ConstantReward):
     """Two agents a world that see two random numbers and are to act as 0.8 times the first.
 
-    Args:
-        worlds: side by side.
-        is_paid_to_the_other: an agent's action pays the other agent, and not itself.
+    What an agent does pays the other agent and not itself, so that only shared rewards can teach.
     """
 
-    def __init__(self, worlds: int = 1, is_paid_to_the_other: bool = False) -> None:
+    def __init__(self, worlds: int = 1) -> None:
         super().__init__(0.0, 8)
         box = {key: spaces.Box(-1.0, 1.0, (size,)) for key, size in SIZES_OF_WISHES.items()}
         VecEnv.__init__(self, 2 * worlds, spaces.Dict(box), self.action_space)
         self.random = np.random.default_rng(0)
-        self.is_paid_to_the_other = is_paid_to_the_other
         self.flown: list[np.ndarray] = []
 
     def _rows(self) -> dict[str, np.ndarray]:
@@ -181,7 +178,7 @@ class Wishes(ConstantReward):
     def earned(self, seen: np.ndarray, actions: np.ndarray) -> np.ndarray:
         """Rewards (rows,) of actions (rows,) on observations (rows, 2)."""
         paid = -((actions - 0.8 * seen[:, 0]) ** 2)
-        return paid.reshape(-1, 2)[:, ::-1].reshape(-1) if self.is_paid_to_the_other else paid
+        return paid.reshape(-1, 2)[:, ::-1].reshape(-1)
 
     def step_wait(self) -> Any:
         self.step_in_episode = (self.step_in_episode + 1) % self.length

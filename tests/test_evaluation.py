@@ -1,0 +1,427 @@
+"""``orchid eval``: the same topologies for all, its files, its errors, what interruption leaves."""
+
+import json
+import os
+import shutil
+import signal
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from orchid_uav.agents import load_policy
+from orchid_uav.agents.heuristics import Hover, Loiter
+from orchid_uav.agents.learned import Learned
+from orchid_uav.cli.evaluation_display import SilentProgress
+from orchid_uav.envs import EPISODE_METRICS, Parameters, WorldBatch, evaluation_seeds
+from orchid_uav.experiments import evaluation
+from orchid_uav.experiments.errors import InputError
+from orchid_uav.experiments.evaluation import Plan, Setting, evaluate, summarise_flights
+from orchid_uav.experiments.methods import find_run, read_run, rules, select
+from orchid_uav.experiments.metrics import EPISODE_FIGURES, HEADROOM, METRICS
+from tests.running import ESCAPE, TINY_FLAGS, assert_is_an_error
+
+TINY_EVAL = [
+    *("eval", "--uavs=2", "--users=20", "--set=network.episode_slots=10", "--episodes=4"),
+    "--planner-evaluations=40",
+]
+CONTRACT = {
+    *("method", "run", "objective", "distribution", "uavs", "users", "speed_mps", "episodes"),
+    *("deterministic", "coverage", "energy_efficiency_bit_per_joule", "rate_jfi", "load_jfi"),
+    *("worst_rate_bps", "sum_rate_bps", "propulsion_power_w", "reward", "collisions"),
+    "blocking_pairs",
+}
+"""Keys of a result that other programs rely on."""
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory):
+    """A tiny run that nothing may change."""
+    from orchid_uav.cli.main import main
+
+    directory = tmp_path_factory.mktemp("trained")
+    arguments = [*TINY_FLAGS, "--episodes=2", "--no-rf", "--quiet", "--name=mine"]
+    assert main(["train", *arguments, "--runs-dir", str(directory)]) == 0
+    (run,) = directory.iterdir()
+    return run
+
+
+@pytest.fixture
+def run_copy(trained, tmp_path):
+    """A copy of the run, to be damaged."""
+    return shutil.copytree(trained, tmp_path / "copies" / trained.name)
+
+
+@pytest.fixture
+def evaluate_tiny(orchid, tmp_path, monkeypatch):
+    """``orchid eval`` of tiny networks in an empty directory."""
+    (tmp_path / "work").mkdir()
+    monkeypatch.chdir(tmp_path / "work")
+    return lambda *arguments: orchid(*TINY_EVAL, *arguments)
+
+
+ONE_SETTING = [Setting("tcp", 2, 20, 0.0, 1.0)]
+
+
+def tiny_plan(entries, settings=ONE_SETTING, episodes=4, **overrides):
+    world = Parameters().with_overrides({"network.episode_slots": 10, **overrides})
+    return Plan(entries, settings, episodes, seed=5, world=world)
+
+
+def fly(plan, **keywords):
+    flown, is_complete = evaluate(plan, SilentProgress(), **keywords)
+    assert is_complete
+    return flown
+
+
+# What is flown
+
+
+@pytest.mark.parametrize(("key", "make"), [("static-mmf", Hover), ("loiter-mmf", Loiter)])
+def test_figures_are_those_of_worlds_flown_one_by_one(key, make):
+    entry = rules()[key]
+    plan = tiny_plan([entry])
+    figures = fly(plan)[next(plan.flights()).key]
+    parameters = plan.settings[0].apply(plan.world)
+    for index, seed in enumerate(evaluation_seeds(5, 4)):
+        world = WorldBatch(parameters, seed=[seed])
+        world.set_progress(1.0)
+        world.reset()
+        method = make()
+        method.begin(world)
+        for _ in range(10):
+            world.step(method.act(world))
+        alone = world.episode_metrics(0)
+        for name in EPISODE_METRICS:
+            assert figures[name][index] == pytest.approx(alone[name], rel=1e-12), name
+
+
+def test_all_methods_meet_the_same_users_whatever_their_start(trained, monkeypatch):
+    seen = {}
+    original = evaluation._fly_batch
+
+    def spy(entry, parameters, topologies, seeds):
+        seen[entry.key] = topologies
+        return original(entry, parameters, topologies, seeds)
+
+    monkeypatch.setattr(evaluation, "_fly_batch", spy)
+    entries = [*select(["rules"], planner_evaluations=40), *select([], [trained])]
+    random_start = entries[-1].__class__(
+        "random", "", {"reward.objective": "mmf", "deployment.init": "random"}, lambda _: Hover()
+    )
+    fly(tiny_plan([*entries, random_start], **{"network.sensing_error_std_m": 20.0}))
+    reference = seen["static-pf"]
+    for key, topologies in seen.items():
+        for name in ("users_m", "target_users", "shadowing_db", "walk_keys"):
+            assert np.array_equal(getattr(topologies, name), getattr(reference, name)), (key, name)
+    assert not np.array_equal(seen["random"].start_m, reference.start_m)
+
+
+def test_a_policy_flies_other_counts_than_it_was_trained_with(trained):
+    settings = [Setting("tcp", uavs, users, 3.0, 2.0) for uavs in (1, 5) for users in (20, 30)]
+    results = summarise_flights(plan := tiny_plan(select([], [trained]), settings), fly(plan))
+    assert [(result["uavs"], result["users"]) for result in results[::2]] == [
+        (1, 20), (1, 30), (5, 20), (5, 30)
+    ]  # fmt: skip
+    assert results[0]["nearest_uav_m"] == {"mean": None, "std": None, "ci95": None}
+    assert results[-1]["nearest_uav_m"]["mean"] > 0.0
+
+
+def test_a_run_flies_as_its_actor_does_and_its_twin_hovers(trained):
+    plan = tiny_plan([*select(["static-mmf"]), *select([], [trained])])
+    static, learned, twin = fly(plan).values()
+    for name in EPISODE_FIGURES:
+        assert np.array_equal(static[name], twin[name]), name
+    world = WorldBatch(plan.settings[0].apply(plan.world), 4, evaluation_seeds(5, 4))
+    world.set_progress(1.0)
+    world.reset()
+    method = Learned(load_policy(trained))
+    for _ in range(10):
+        world.step(method.act(world))
+    rewards = [world.episode_metrics(index)["reward"] for index in range(4)]
+    assert learned["reward"] == pytest.approx(rewards, rel=1e-9)
+
+
+def test_sampled_rows_stand_beside_deterministic_ones(trained):
+    entries = select([], [trained], stochastic=True)
+    assert [(entry.key.endswith("-zero"), entry.deterministic) for entry in entries] == [
+        (False, True), (False, False), (True, True), (True, False)
+    ]  # fmt: skip
+    figures = list(fly(tiny_plan(entries)).values())
+    assert not np.array_equal(figures[0]["reward"], figures[1]["reward"])
+    again = list(fly(tiny_plan(entries)).values())
+    assert np.array_equal(figures[1]["reward"], again[1]["reward"])
+
+
+def test_the_first_topologies_do_not_depend_on_their_number(trained):
+    entries = select(["balanced-loiter", "track"], [trained], stochastic=True)
+    speed = [Setting("uniform", 3, 20, 5.0, 1.0)]
+    few, many = (fly(tiny_plan(entries, speed, episodes=count)) for count in (3, 7))
+    for key, figures in few.items():
+        for name, values in figures.items():
+            assert values == pytest.approx(many[key][name][:3], rel=1e-5), (key, name)
+
+
+def test_batches_that_are_too_large_are_divided(monkeypatch):
+    entries = select(["static-mmf"])
+    whole = fly(tiny_plan(entries, episodes=5))
+    monkeypatch.setattr(evaluation, "_WORLDS_AT_ONCE", 2)
+    divided = fly(tiny_plan(entries, episodes=5))
+    for key in whole:
+        assert np.array_equal(whole[key]["reward"], divided[key]["reward"])
+
+
+def test_headroom_lies_between_loiter_and_planner():
+    entries = select(["static-mmf", "loiter-mmf", "planner", "planner-retargeted"], (), False, 60)
+    plan = tiny_plan(entries)
+    flown = fly(plan)
+    results = {result["method"]: result for result in summarise_flights(plan, flown)}
+    mean = {key: np.mean(figures["utility"]) for (*_, key, _), figures in flown.items()}
+    assert results["loiter-mmf"][HEADROOM]["mean"] == 0.0
+    assert results["planner"][HEADROOM]["mean"] == 1.0
+    room = mean["planner"] - mean["loiter-mmf"]
+    expected = (mean["static-mmf"] - mean["loiter-mmf"]) / room
+    assert results["static-mmf"][HEADROOM]["mean"] == pytest.approx(expected)
+    low, high = results["static-mmf"][HEADROOM]["ci95"]
+    assert low <= expected <= high
+    assert results["planner-retargeted"][HEADROOM]["mean"] is None  # serves other users
+
+
+# The command
+
+
+def test_json_is_one_document_that_keeps_the_contract(evaluate_tiny, trained):
+    finished = evaluate_tiny(trained, "--methods=static-pf,loiter-mmf", "--json", "--out=out")
+    assert finished.code == 0
+    document = json.loads(finished.out)
+    assert document["schema"] == 1
+    assert set(document) >= {"settings", "results"}
+    for result in document["results"]:
+        assert set(result) >= CONTRACT | set(METRICS)
+    assert [result["method"] for result in document["results"]] == [
+        *("static-pf", "loiter-mmf", trained.name, f"{trained.name}-zero")
+    ]
+    assert [result["run"] for result in document["results"]][1:3] == [None, trained.name]
+    assert [result["objective"] for result in document["results"]] == ["pf", "mmf", "mmf", "mmf"]
+    assert document["settings"]["uavs"] == [2]
+
+
+def test_summary_agrees_with_the_episodes(evaluate_tiny, tmp_path):
+    finished = evaluate_tiny(
+        "--methods=rules", "--uavs=2,3", "--speeds=0..4:4", "--out=out", "--no-figures"
+    )
+    assert finished.code == 0
+    assert "4 settings x 9 methods x 4 topologies = 144 flights" in finished.out
+    summary = json.loads((tmp_path / "work/out/summary.json").read_text())
+    rows = pq.read_table(tmp_path / "work/out/episodes.parquet").to_pylist()
+    assert len(rows) == 144
+    assert len({row["seed"] for row in rows}) == 4
+    keys = ("method", "uavs", "speed_mps", "deterministic")
+    for result in summary["results"]:
+        own = [row for row in rows if all(row[key] == result[key] for key in keys)]
+        assert [row["episode"] for row in own] == [0, 1, 2, 3]
+        for metric in EPISODE_FIGURES:
+            values = [row[metric] for row in own]
+            described = result[metric]
+            assert described["mean"] == pytest.approx(np.mean(values)), metric
+            assert described["std"] == pytest.approx(np.std(values, ddof=1), abs=1e-12), metric
+            low, high = described["ci95"]
+            assert low <= described["mean"] + 1e-9 and described["mean"] <= high + 1e-9
+
+
+def test_tables_have_a_column_per_setting_and_mark_the_best(evaluate_tiny):
+    finished = evaluate_tiny(
+        "--methods=static-mmf,loiter-mmf", "--uavs=2..4:2", "--quiet", "--no-figures"
+    )
+    assert ESCAPE not in finished.out
+    lines = finished.out.splitlines()
+    header = next(line for line in lines if line.startswith("energy efficiency"))
+    assert header.split("\t")[1:] == ["2 UAVs", "4 UAVs"]
+    static, loiter = lines[lines.index(header) + 1 : lines.index(header) + 3]
+    assert all(cell.endswith(" *") for cell in loiter.split("\t")[1:])
+    assert "*" not in static
+    assert "±" in static
+
+
+def test_figures_are_drawn_in_both_formats(evaluate_tiny, tmp_path):
+    assert evaluate_tiny("--methods=static-mmf", "--uavs=2,3", "--out=out").code == 0
+    names = {path.name for path in (tmp_path / "work/out/figures").iterdir()}
+    assert {"rate_jfi.png", "rate_jfi.svg", "blocking_pairs.svg"} <= names
+
+
+def test_goes_to_a_directory_of_its_own_by_default(evaluate_tiny, tmp_path):
+    for _ in range(3):
+        assert evaluate_tiny("--methods=static-mmf", "--no-figures", "--quiet").code == 0
+    made = list((tmp_path / "work/orchid-eval").iterdir())
+    assert len(made) == 3
+    assert all({path.name for path in one.iterdir()} == {"episodes.parquet", "summary.json"}
+               for one in made)  # fmt: skip
+
+
+def test_runs_are_found_by_the_beginning_of_their_id(evaluate_tiny, trained):
+    finished = evaluate_tiny(
+        trained.name[:-2], "--runs-dir", trained.parent, "--methods=static-mmf", "--no-figures"
+    )
+    assert finished.code == 0
+    assert trained.name in finished.out
+
+
+def test_says_where_a_run_was_trained_in_another_world(evaluate_tiny, trained):
+    finished = evaluate_tiny(
+        trained, "--methods=static-mmf", "--no-figures", "--set=uav.max_speed_mps=20"
+    )
+    assert "trained in another world: uav.max_speed_mps" in finished.err
+
+
+# Bad input
+
+
+@pytest.mark.parametrize(
+    ("arguments", "parts"),
+    [
+        (["--methods=orchit"], ["orchit", "'orchid'"]),
+        (["--methods=static_pf"], ["'static-pf'"]),
+        (["--uavs=4-9"], ["--uavs", "4-9", "4..10"]),
+        (["--uavs=9..4"], ["--uavs 9..4", "empty"]),
+        (["--uavs=0..3"], ["0"]),
+        (["--uavs=2.5"], ["2.5"]),
+        (["--users="], ["--users"]),
+        (["--users=1..20000"], ["10,000"]),
+        (["--uavs=30"], ["user_count"]),
+        (["--speeds=-3..0"], ["user_speed_mps"]),
+        (["--heading-hold=0"], ["heading_hold_s"]),
+        (["--distribution=gauss"], ["gauss", "tcp"]),
+        (["--metrics=jfi"], ["jfi", "did you mean"]),
+        (["--set=ppo.discount=0.9"], ["ppo.discount", "no effect"]),
+        (["--set=network.uav_count=3"], ["--uavs"]),
+        (["--set=reward.objective=pf"], ["--methods"]),
+        (["--set=uav.max_sped=3"], ["uav.max_speed_mps"]),
+        (["no-such-run"], ["no-such-run"]),
+        (["--episodes=0"], ["episodes"]),
+        (["--planner-evaluations=5"], ["planner-evaluations"]),
+    ],
+)
+def test_bad_input_is_told_and_leaves_nothing(evaluate_tiny, tmp_path, arguments, parts):
+    methods = [] if any("--methods" in argument for argument in arguments) else ["--methods=rules"]
+    finished = evaluate_tiny(*arguments, *methods, "--out=out")
+    assert_is_an_error(finished, *parts)
+    assert list((tmp_path / "work").iterdir()) == []
+
+
+def damaged(directory, name, change):
+    document = json.loads((directory / name).read_text())
+    change(document)
+    (directory / name).write_text(json.dumps(document))
+
+
+@pytest.mark.parametrize(
+    ("damage", "part"),
+    [
+        (lambda run: damaged(run, "run.json", lambda d: d.update(status="running")), "running"),
+        (lambda run: damaged(run, "run.json", lambda d: d.update(status="failed")), "failed"),
+        (lambda run: (run / "run.json").unlink(), "run.json"),
+        (lambda run: (run / "run.json").write_text("{"), "run.json"),
+        (lambda run: (run / "config.json").unlink(), "config.json"),
+        (lambda run: (run / "policy.safetensors").unlink(), "policy.safetensors"),
+        (lambda run: (run / "policy.json").unlink(), "policy.json"),
+        (lambda run: (run / "policy.safetensors").write_bytes(b"x" * 100), "sha256"),
+    ],
+)
+def test_a_run_that_cannot_be_flown_is_told(evaluate_tiny, run_copy, tmp_path, damage, part):
+    damage(run_copy)
+    assert_is_an_error(evaluate_tiny(run_copy, "--out=out"), part)
+    assert list((tmp_path / "work").iterdir()) == []
+
+
+def test_a_policy_for_other_observations_is_told(evaluate_tiny, run_copy, monkeypatch):
+    from orchid_uav.experiments import methods
+
+    monkeypatch.setattr(methods, "OBSERVATION_SIZE", 17)
+    assert_is_an_error(evaluate_tiny(run_copy), "16 observations", "17")
+
+
+def test_nothing_is_overwritten(evaluate_tiny, tmp_path):
+    out = tmp_path / "work/out"
+    assert evaluate_tiny("--methods=static-mmf", "--out=out", "--no-figures").code == 0
+    before = (out / "summary.json").read_bytes()
+    assert_is_an_error(evaluate_tiny("--methods=static-pf", "--out=out"), "complete")
+    assert (out / "summary.json").read_bytes() == before
+    other = tmp_path / "work/other"
+    other.mkdir()
+    (other / "thesis.txt").write_text("years of work")
+    assert_is_an_error(evaluate_tiny("--methods=static-pf", "--out=other"), "other")
+    assert [path.name for path in other.iterdir()] == ["thesis.txt"]
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root writes everywhere")
+def test_a_directory_that_cannot_be_written_is_told_before_anything_is_flown(
+    evaluate_tiny, tmp_path
+):
+    (tmp_path / "work").chmod(0o500)
+    assert_is_an_error(evaluate_tiny("--methods=static-mmf", "--out=out"), "out")
+
+
+def test_ambiguous_and_unknown_runs(trained, tmp_path):
+    shutil.copytree(trained, tmp_path / (trained.name + "x"))
+    shutil.copytree(trained, tmp_path / trained.name)
+    assert find_run(trained.name, tmp_path) == tmp_path / trained.name
+    with pytest.raises(InputError, match="begins 2 runs"):
+        find_run(trained.name[:-1], tmp_path)
+    with pytest.raises(InputError, match=f"did you mean '{trained.name}"):
+        find_run(trained.name[1:], tmp_path)
+    with pytest.raises(InputError, match="no directory"):
+        find_run("x", tmp_path / "nowhere")
+    with pytest.raises(InputError, match="given twice"):
+        select([], [trained, tmp_path / trained.name])
+    assert read_run(trained).run == trained.name
+
+
+# Interruption
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_evaluation_goes_on_to_the_same_result(
+    evaluate_tiny, tmp_path, monkeypatch, number
+):
+    methods = "--methods=static-pf,static-mmf,loiter-mmf"
+    assert evaluate_tiny(methods, "--uavs=2,3", "--out=whole", "--no-figures").code == 0
+    original, calls = evaluation._fly_batch, []
+
+    def interrupted(*arguments):
+        calls.append(arguments[0].key)
+        if len(calls) == 5:
+            os.kill(os.getpid(), number)
+        return original(*arguments)
+
+    monkeypatch.setattr(evaluation, "_fly_batch", interrupted)
+    arguments = (methods, "--uavs=2,3", "--out=parts", "--no-figures")
+    stopped = evaluate_tiny(*arguments)
+    assert stopped.code == 130
+    assert "this goes on: orchid eval" in stopped.err
+    parts = tmp_path / "work/parts"
+    partial = json.loads((parts / "summary.json").read_text())
+    assert partial["status"] == "interrupted"
+    assert len(partial["results"]) == 4
+    assert_is_an_error(evaluate_tiny(methods, "--uavs=2,4", "--out=parts"), "other settings: uavs")
+    monkeypatch.setattr(evaluation, "_fly_batch", original)
+    finished = evaluate_tiny(*arguments)
+    assert finished.code == 0
+    assert "4 batches of them flown before" in finished.out
+    for name in ("results", "settings", "status"):
+        documents = [
+            json.loads((tmp_path / "work" / out / "summary.json").read_text())[name]
+            for out in ("whole", "parts")
+        ]
+        assert documents[0] == documents[1]
+    assert pq.read_table(parts / "episodes.parquet") == pq.read_table(
+        tmp_path / "work/whole/episodes.parquet"
+    )
+
+
+def test_interrupted_before_anything_was_flown_leaves_nothing(evaluate_tiny, tmp_path, monkeypatch):
+    def interrupted(*arguments):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(evaluation, "_fly_batch", interrupted)
+    assert evaluate_tiny("--methods=static-mmf", "--out=out").code == 130
+    assert list((tmp_path / "work").iterdir()) == []
