@@ -8,7 +8,7 @@ ROOMS := src envs agents callbacks experiments orchid_cli
 JOBS ?= 2
 
 .DEFAULT_GOAL := help
-.PHONY: help install train test lint bench docs docs-data mutants reference clean FORCE
+.PHONY: help install train test lint bench docs docs-data mutants reference studies clean FORCE
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -37,6 +37,9 @@ bench: install  ## measure speed and memory, ratios within one run; then make do
 
 reference: install  ## train the released policies anew, into runs/reference; about half an hour
 	$(BIN)/python -m benchmarks.reference_policies
+
+studies: install  ## fly the evaluations that the documentation shows; about an hour
+	$(BIN)/python -m benchmarks.studies
 
 docs-data: install  ## numbers and figures of the documentation, from benchmarks/results
 	$(BIN)/python -m docs.generate

@@ -48,7 +48,6 @@ class JointCriticPolicy(LocalActorPolicy):
         **kwargs: Any,
     ) -> None:
         check_spaces(observation_space, action_space)
-        kwargs.pop("use_sde", None)
         super().__init__(
             observation_space,
             action_space,

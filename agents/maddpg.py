@@ -24,6 +24,7 @@ from torch.nn import functional
 
 from orchid_uav.agents.centralized import CentralizedTraining, Rows
 from orchid_uav.agents.deterministic_policy import JointCriticPolicy
+from orchid_uav.agents.networks import check_spaces
 from orchid_uav.agents.replay import JointBatch, JointReplayBuffer
 
 _SMALLEST_STD = 1e-12
@@ -49,7 +50,8 @@ class MADDPG(CentralizedTraining, OffPolicyAlgorithm):
         target_rate: share of the networks that their targets take over at an update.
         gamma: discount factor.
         update_every: steps of the environment from one update to the next.
-        gradient_steps: updates then; as many as there are worlds keeps their number per transition.
+        gradient_steps: updates then, fewer where surplus worlds idle; as many as there are worlds
+            keeps their number per transition.
         exploration_std: standard deviation of the Gaussian noise on actions in [-1, 1].
         preactivation_penalty: weight of the mean squared actor's output before tanh in its loss, as
             in the authors' code: a saturated tanh has no gradient left to learn from.
@@ -87,6 +89,11 @@ class MADDPG(CentralizedTraining, OffPolicyAlgorithm):
         _init_setup_model: bool = True,
         **kwargs: Any,
     ) -> None:
+        for name in ("action_noise", "use_sde", "replay_buffer_class"):
+            if kwargs.get(name):
+                raise ValueError(
+                    f"{name} is not supported: exploration and replay are MADDPG's own"
+                )
         self.critic_learning_rate = critic_learning_rate
         self.exploration_std = exploration_std
         self.preactivation_penalty = preactivation_penalty
@@ -114,6 +121,7 @@ class MADDPG(CentralizedTraining, OffPolicyAlgorithm):
             self._setup_model()
 
     def _setup_model(self) -> None:
+        check_spaces(self.observation_space, self.action_space)
         self._find_agents_per_world()
         self.replay_buffer_kwargs = {"agents_per_world": self.agents_per_world}
         self.policy_kwargs = {**self.policy_kwargs, "agents_per_world": self.agents_per_world}
@@ -153,6 +161,7 @@ class MADDPG(CentralizedTraining, OffPolicyAlgorithm):
             if dones.any():
                 infos, dones = infos[:rows], dones[:rows]
                 self._update_info_buffer(infos, dones)
+                self._count_episodes(int(dones.sum()) // self.agents_per_world, log_interval)
             callback.update_locals(locals())
             if not callback.on_step():
                 return RolloutReturn(step + 1, 0, continue_training=False)
@@ -161,6 +170,12 @@ class MADDPG(CentralizedTraining, OffPolicyAlgorithm):
         self._update_current_progress_remaining(self.num_timesteps, self._total_timesteps)
         callback.on_rollout_end()
         return RolloutReturn(step + 1, 0, continue_training=True)
+
+    def _count_episodes(self, ended: int, log_interval: int | None) -> None:
+        before = self._episode_num
+        self._episode_num += ended
+        if log_interval and self._episode_num // log_interval > before // log_interval:
+            self.dump_logs()
 
     def _explore(self, observation: Rows) -> NDArray[np.float32]:
         with torch.inference_mode():
@@ -175,7 +190,8 @@ class MADDPG(CentralizedTraining, OffPolicyAlgorithm):
             return
         self.policy.set_training_mode(True)
         self._update_learning_rate(self.policy.optimizer)
-        for _ in range(gradient_steps):
+        updates = max(1, gradient_steps * self._rows // self.n_envs)
+        for _ in range(updates):
             batch = self.replay_buffer.sample(batch_size)
             critic_loss = self.critic_loss(batch)
             self._descend(critic_loss, list(self.policy.critic.parameters()))
@@ -186,7 +202,7 @@ class MADDPG(CentralizedTraining, OffPolicyAlgorithm):
                 (self.policy.actor, self.policy.actor_target),
             ):
                 polyak_update(source.parameters(), target.parameters(), self.tau)
-        self._n_updates += gradient_steps
+        self._n_updates += updates
         self._log_learning_rates()
         self.logger.record("train/critic_loss", critic_loss.item())
         self.logger.record("train/actor_loss", actor_loss.item())
@@ -211,6 +227,14 @@ class MADDPG(CentralizedTraining, OffPolicyAlgorithm):
         loss.backward(inputs=parameters)
         torch.nn.utils.clip_grad_norm_(parameters, self.max_grad_norm)
         self.policy.optimizer.step()
+
+    def save_replay_buffer(self, path: Any) -> None:
+        """Not supported: SB3's format is a pickle, and to read one is to run it."""
+        raise NotImplementedError("SB3's format is a pickle, which is not used here")
+
+    def load_replay_buffer(self, path: Any, truncate_last_traj: bool = True) -> None:
+        """Not supported, see :meth:`save_replay_buffer`."""
+        self.save_replay_buffer(path)
 
     def _get_torch_save_params(self) -> tuple[list[str], list[str]]:
         return ["policy", "policy.optimizer"], []

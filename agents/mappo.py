@@ -16,6 +16,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from torch.nn import functional
 
 from orchid_uav.agents.centralized import CentralizedTraining, Rows
+from orchid_uav.agents.networks import check_spaces
 from orchid_uav.agents.policies import CentralizedCriticPolicy
 from orchid_uav.agents.rollout import CentralizedRolloutBuffer, MiniBatch
 
@@ -88,6 +89,7 @@ class MAPPO(CentralizedTraining, PPO):
             )
 
     def _setup_model(self) -> None:
+        check_spaces(self.observation_space, self.action_space)
         self._find_agents_per_world()
         self.rollout_buffer_kwargs = {"agents_per_world": self.agents_per_world}
         super()._setup_model()

@@ -109,7 +109,7 @@ class JointReplayBuffer(BaseBuffer):
             reward[:rows].reshape(worlds, agents).mean(axis=1),
             next_observation["observation"][:rows].reshape(worlds, agents, -1),
             next_observation["state"][first_agents],
-            terminated[first_agents],
+            terminated[:rows].reshape(worlds, agents).any(axis=1),
         )
         for array, value in zip(self.arrays, values, strict=True):
             array[places] = value

@@ -96,6 +96,8 @@ def train(
                 f"note: Reset-and-Finetune cannot help here: it waits for two windows of "
                 f"{merged.reset.window} episodes, and there are {merged.training.episodes}"
             )
+        if kappa is not None and not merged.reset.enabled:
+            console(stderr=True).print("note: --kappa has no effect: Reset-and-Finetune is off")
         # torch and SB3 take seconds to import: not before the input is known to be right.
         from orchid_uav.experiments import trackers
         from orchid_uav.experiments.interruption import interruption_requests

@@ -22,6 +22,7 @@ ROOMS = {
     "callbacks": "callbacks",
     "experiments": "experiments",
     "orchid_cli": "cli",
+    "runs/reference": "reference",
 }
 
 
@@ -129,7 +130,7 @@ MUTANTS = [
     ),
     Mutant(
         "one learning rate for both networks",
-        "agents/mappo.py",
+        "agents/centralized.py",
         'group["lr"] = rate',
         'group["lr"] = self.learning_rates[0]',
         "test_mappo.py",
@@ -159,10 +160,45 @@ MUTANTS = [
     ),
     Mutant(
         "a reset that forgets the critic's rate",
-        "agents/mappo.py",
+        "agents/centralized.py",
         "self.critic_lr_schedule(progress) * self.learning_rate_scale",
         "self.critic_lr_schedule(progress)",
         "test_reset_and_finetune.py",
+    ),
+    Mutant(
+        "a target from the critic itself",
+        "agents/deterministic_policy.py",
+        "return _joint_value(self.critic_target, next_state, actions)",
+        "return _joint_value(self.critic, next_state, actions)",
+        "test_maddpg_update.py",
+    ),
+    Mutant(
+        "a replay that runs on into the next episode",
+        "agents/maddpg.py",
+        "following[key][row] = last",
+        "pass",
+        "test_replay.py",
+    ),
+    Mutant(
+        "a pair that blocks though the UAV loses",
+        "envs/diagnostics.py",
+        "return throughput_bps > enough_for_uav_bps",
+        "return True",
+        "test_diagnostics.py",
+    ),
+    Mutant(
+        "turns that cost nothing",
+        "envs/diagnostics.py",
+        "factor = load_factor(np.sqrt(change_squared) / constants.slot_s)",
+        "factor = 1.0",
+        "test_diagnostics.py",
+    ),
+    Mutant(
+        "topologies that depend on the kind of start",
+        "envs/deployment.py",
+        "np.random.default_rng([seed, _START_STREAM])",
+        "generator",
+        "test_evaluation.py",
     ),
 ]
 

@@ -1,0 +1,268 @@
+"""Blocks of the documentation about evaluations, from the committed summaries."""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from benchmarks.studies import PLANNER_BUDGETS
+from orchid_uav.experiments.methods import COMMANDS, RELEASED
+from orchid_uav.experiments.metrics import HEADLINE, HEADROOM, METRICS
+from orchid_uav.experiments.run_directory import read_episodes
+
+ROOT = Path(__file__).parent.parent
+RESULTS = ROOT / "benchmarks" / "results"
+REFERENCE = ROOT / "runs" / "reference"
+FIGURES = ROOT / "docs" / "figures"
+UAV_FIGURES = ("energy_efficiency_bit_per_joule", "rate_jfi", "load_jfi", "worst_rate_bps")
+README_METHODS = (
+    *("orchid", "orchid-zero", "orchid-no-rf", "maddpg-mmf", "maddpg-mmf-zero", "static-mmf"),
+    *("loiter-mmf", "balanced-loiter", "planner"),
+)
+README_METRICS = (
+    *("energy_efficiency_bit_per_joule", "rate_jfi", "load_jfi", "worst_rate_bps"),
+    *("utility", HEADROOM),
+)
+CURVES = ("reward", "energy_efficiency_bit_per_joule", "rate_jfi", "load_jfi")
+SMOOTHED_EPISODES = 50
+
+Result = Mapping[str, Any]
+
+
+def read(name: str) -> dict[str, Any]:
+    """A committed result."""
+    return json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8"))
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A Markdown table with numbers to the right."""
+    lines = [header, ["---", *["---:"] * (len(header) - 1)], *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def cell(result: Result, metric: str, spread: bool = True) -> str:
+    """Mean ± standard deviation as it is shown everywhere."""
+    described, value = METRICS[metric], result[metric]
+    if value["mean"] is None:
+        return "–"
+    text = described.text(value["mean"])
+    return f"{text} ± {described.text(value['std'])}" if spread and value["std"] else text
+
+
+def label(result: Result) -> str:
+    """The method, and whether its actions are sampled."""
+    return f"`{result['method']}`" + ("" if result["deterministic"] else ", sampled")
+
+
+def source(name: str, document: Mapping[str, Any]) -> str:
+    """When, where and how the figures were made."""
+    command = " ".join(document["command"])
+    return (
+        f"{document['date']}, {document['host']['processor']}, `{command}` by `make studies` → "
+        f"`benchmarks/results/{name}.json`."
+    )
+
+
+def metrics_table(results: Sequence[Result], metrics: Sequence[str], spread: bool = True) -> str:
+    """Methods by metrics."""
+    return table(
+        ["method", *(METRICS[metric].heading for metric in metrics)],
+        [[label(result), *(cell(result, metric, spread) for metric in metrics)]
+         for result in results],
+    )  # fmt: skip
+
+
+def commands_block() -> str:
+    """How every released policy was trained."""
+    rows = []
+    for key, arguments in COMMANDS.items():
+        record = json.loads((REFERENCE / key / "run.json").read_text(encoding="utf-8"))
+        resets = ", ".join(map(str, record["reset_episodes"])) or "–"
+        command = " ".join(["orchid train", *arguments])
+        rows.append(
+            [f"`{key}`", RELEASED[key].idea, f"`{command}`", f"{record['seconds']:.0f}", resets]
+        )
+    header = ["key", "what", "trained by", "seconds", "resets at episode"]
+    return (
+        table(header, rows)
+        + "\n\n![Training curves](figures/reference_training.png)\n\n"
+        + "Means over the last 50 episodes, with the noise of training in the actions and weights "
+        "of the reward that\nchange with progress. Seconds as recorded, two runs side by side on "
+        "two busy cores."
+    )
+
+
+def tuning_block() -> str:
+    """Both searches."""
+    log = read("tuning")
+    settings = log["settings"]
+    zero = log["zero_action"]
+    lines = [
+        f"{settings['trials']} trials each of {settings['episodes']} episodes on seed "
+        f"{settings['seed']}; the score is the mean utility at τ = 1 of the deterministic policy "
+        f"on\n{settings['topologies']} topologies. Doing nothing there scores "
+        f"{zero['utility']:.3f}. {log['date']}, `{log['command']}`.",
+    ]
+    for algorithm, trials in log["trials"].items():
+        names = list(settings["spaces"][algorithm])
+        header = [name.partition(".")[2] for name in names]
+        best = max(trial["utility"] for trial in trials)
+        rows = []
+        for trial in trials:
+            values = trial["values"]
+            texts = [f"{values[name]:g}" if name in values else "default" for name in names]
+            score = f"{trial['utility']:.3f}"
+            score = f"**{score}**" if trial["utility"] == best else score
+            efficiency = trial["energy_efficiency_bit_per_joule"] / 1e6
+            figures = [f"{efficiency:.3f}", f"{trial['rate_jfi']:.3f}", f"{trial['load_jfi']:.3f}"]
+            rows.append([algorithm.upper(), *texts, score, *figures])
+        columns = ["", *header, "utility", "EE, Mbit/J", "rate JFI", "load JFI"]
+        lines += ["", table(columns, rows)]
+    return "\n".join(lines)
+
+
+def planner_block() -> str:
+    """Utility against budget."""
+    rows = []
+    for budget in PLANNER_BUDGETS:
+        document = read(f"planner_{budget}")
+        found = {result["method"]: result for result in document["results"]}
+        metrics = ("utility", "energy_efficiency_bit_per_joule", "rate_jfi", "load_jfi")
+        shown = [cell(found["planner"], metric) for metric in metrics]
+        rows.append([f"{budget:,}", *shown, cell(found["planner"], "worst_rate_bps")])
+    header = ["plans judged", "utility", "EE, Mbit/J", "rate JFI", "load JFI", "worst, Mbit/s"]
+    return f"{table(header, rows)}\n\n100 topologies, 6 UAVs. {source('planner_N', document)}"
+
+
+def methods_block() -> str:
+    """The table of all methods, and the metrics that have no room in it."""
+    document = read("methods")
+    others = [metric for metric in METRICS if metric not in (*HEADLINE, "backhaul_violations")]
+    return "\n\n".join(
+        [
+            "6 UAVs, 100 users that stay, 100 topologies; mean ± standard deviation.",
+            metrics_table(document["results"], HEADLINE),
+            "The other metrics, means (no backhaul is ever weak at Table I):",
+            metrics_table(document["results"], others, spread=False),
+            source("methods", document),
+        ]
+    )
+
+
+def uav_block() -> str:
+    """The UAV study."""
+    document = read("uavs")
+    results = document["results"]
+    counts = document["settings"]["uavs"]
+    methods = [entry["method"] for entry in document["settings"]["methods"]]
+    found = {(result["method"], result["uavs"]): result for result in results}
+    parts = ["100 topologies for each number of UAVs, 100 users; policies trained with 6."]
+    for metric in UAV_FIGURES:
+        described = METRICS[metric]
+        rows = [
+            [f"`{method}`", *(cell(found[method, count], metric) for count in counts)]
+            for method in methods
+        ]
+        parts += [
+            f"![{described.title} over the number of UAVs](figures/uavs_{metric}.png)",
+            table([described.heading, *(f"{count} UAVs" for count in counts)], rows),
+        ]
+    return "\n\n".join([*parts, source("uavs", document)])
+
+
+def mobility_block() -> str:
+    """Users that walk."""
+    document = read("mobility")
+    methods = [entry["method"] for entry in document["settings"]["methods"]]
+    speeds = document["settings"]["speeds_mps"]
+    parts = ["Users that walk, 6 UAVs: what rules that stay lose, and a rule that follows."]
+    for hold in document["settings"]["heading_hold_s"]:
+        found = {
+            (result["method"], result["speed_mps"]): result
+            for result in document["results"]
+            if result["heading_hold_s"] == hold
+        }
+        for metric in ("utility", "rate_jfi"):
+            rows = [
+                [f"`{method}`", *(cell(found[method, speed], metric) for speed in speeds)]
+                for method in methods
+            ]
+            header = f"{METRICS[metric].heading}, headings held {hold:g} s"
+            parts.append(table([header, *(f"{speed:g} m/s" for speed in speeds)], rows))
+    return "\n\n".join([*parts, source("mobility", document)])
+
+
+def readme_block() -> str:
+    """The UAV study's figure and one table."""
+    document = read("methods")
+    found = {result["method"]: result for result in document["results"] if result["deterministic"]}
+    results = [found[method] for method in README_METHODS]
+    return "\n\n".join(
+        [
+            "![Energy efficiency over the number of UAVs]"
+            "(docs/figures/uavs_energy_efficiency_bit_per_joule.png)\n"
+            "![Rate fairness over the number of UAVs](docs/figures/uavs_rate_jfi.png)",
+            "6 UAVs, 100 users, 100 unseen topologies; mean ± standard deviation over topologies:",
+            metrics_table(results, README_METRICS),
+            "One training seed each, deterministic policies; all methods and metrics, and how they "
+            "were measured: [evaluation](docs/evaluation.md).\n" + source("methods", document),
+        ]
+    )
+
+
+def draw_studies() -> list[Path]:
+    """The figures of the UAV study and the training curves."""
+    from orchid_uav.experiments.figures import draw_figures
+
+    drawn = draw_figures(read("uavs")["results"], FIGURES / "new", UAV_FIGURES)
+    paths = []
+    for path in drawn:
+        if path.suffix == ".png":
+            paths.append(FIGURES / f"uavs_{path.name}")
+            path.replace(paths[-1])
+        else:
+            path.unlink()
+    (FIGURES / "new").rmdir()
+    paths.append(FIGURES / "reference_training.png")
+    draw_training(paths[-1])
+    return paths
+
+
+def draw_training(path: Path) -> None:
+    """Training curves of the released policies."""
+    from matplotlib.figure import Figure
+
+    from orchid_uav.experiments.figures import look_of
+
+    figure = Figure((9, 5.4), layout="constrained")
+    grid = figure.subplots(2, 2, sharex=True)
+    for key in COMMANDS:
+        rows = read_episodes(REFERENCE / key / "episodes.csv")
+        for axes, metric in zip(grid.flat, CURVES, strict=True):
+            values = [row[metric] * METRICS[metric].scale for row in rows]
+            axes.plot(_smoothed(values), label=key, **(look_of(key) | {"marker": ""}))
+            axes.set_title(METRICS[metric].heading, fontsize=10)
+            axes.grid(alpha=0.3)
+    for axes in grid[1]:
+        axes.set_xlabel("training episode")
+    figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=6)
+    figure.savefig(path, dpi=130)
+
+
+def _smoothed(values: Sequence[float]) -> list[float]:
+    return [
+        sum(values[max(0, end - SMOOTHED_EPISODES) : end]) / min(end, SMOOTHED_EPISODES)
+        for end in range(1, len(values) + 1)
+    ]
+
+
+BLOCKS = {
+    "commands": (ROOT / "docs" / "methods.md", commands_block),
+    "tuning": (ROOT / "docs" / "methods.md", tuning_block),
+    "planner budget": (ROOT / "docs" / "methods.md", planner_block),
+    "methods table": (ROOT / "docs" / "evaluation.md", methods_block),
+    "uav study": (ROOT / "docs" / "evaluation.md", uav_block),
+    "mobility study": (ROOT / "docs" / "evaluation.md", mobility_block),
+    "evaluation": (ROOT / "README.md", readme_block),
+}
+"""Page and content of every block, by the name in its markers."""
