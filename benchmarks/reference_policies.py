@@ -2,7 +2,8 @@
 
 Each run of ``orchid train`` is made in a runs directory of its own and copied to
 ``runs/reference/KEY``: configuration, episodes, weights and record; of the record all but what
-names the machine and the process.
+names the machine and the process. ``evaluation.json`` keeps what the policy does on a few
+topologies, for a test to fly them again.
 """
 
 import argparse
@@ -16,11 +17,16 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from orchid_uav.agents.actor import DESCRIPTION_FILE, WEIGHTS_FILE
+from orchid_uav.cli.evaluation_display import SilentProgress
+from orchid_uav.envs import Parameters
+from orchid_uav.experiments.evaluation import Plan, Setting, evaluate
 from orchid_uav.experiments.files import write_json
-from orchid_uav.experiments.methods import COMMANDS
+from orchid_uav.experiments.methods import COMMANDS, select
 
 REFERENCE = Path(__file__).parent.parent / "runs" / "reference"
 KEPT_FILES = ("config.json", "episodes.csv", WEIGHTS_FILE, DESCRIPTION_FILE)
+EVALUATION_FILE = "evaluation.json"
+TOPOLOGIES = 10
 _PROCESS_KEYS = ("pid", "boot_id")
 
 
@@ -51,20 +57,35 @@ def release(run: Path, key: str) -> None:
     write_json(target / "run.json", record)
 
 
+def fly(key: str) -> dict[str, list[float]]:
+    """Every figure of a released policy on the first held-out topologies."""
+    setting = Setting("tcp", 6, 100, 0.0, 1.0)
+    plan = Plan(select([key]), [setting], TOPOLOGIES, seed=0, world=Parameters())
+    flown, _ = evaluate(plan, SilentProgress())
+    (figures,) = flown.values()
+    return {name: values.tolist() for name, values in figures.items()}
+
+
 def main() -> None:
     """Train all, or those named, side by side."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("keys", nargs="*", metavar="KEY")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--fly-alone", action="store_true", help="fly again what was trained")
     arguments = parser.parse_args()
     if unknown := set(arguments.keys) - set(COMMANDS):
         parser.error(f"unknown: {', '.join(unknown)}; known: {', '.join(COMMANDS)}")
     # The longest first, so that no processor idles at the end.
     keys = sorted(arguments.keys or COMMANDS, key=lambda key: "maddpg" not in COMMANDS[key])
+    if arguments.fly_alone:
+        for key in keys:
+            write_json(REFERENCE / key / EVALUATION_FILE, fly(key))
+        return
     with tempfile.TemporaryDirectory() as name, ThreadPoolExecutor(arguments.jobs) as pool:
         runs = {key: pool.submit(train, key, Path(name)) for key in keys}
         for key, run in runs.items():
             release(run.result(), key)
+            write_json(REFERENCE / key / EVALUATION_FILE, fly(key))
             print(f"wrote {(REFERENCE / key).relative_to(REFERENCE.parent.parent)}", flush=True)
 
 

@@ -232,15 +232,16 @@ def draw_training(path: Path) -> None:
     """Training curves of the released policies."""
     from matplotlib.figure import Figure
 
-    from orchid_uav.experiments.figures import look_of
+    from orchid_uav.experiments.figures import looks_of
 
     figure = Figure((9, 5.4), layout="constrained")
     grid = figure.subplots(2, 2, sharex=True)
+    looks = looks_of(COMMANDS)
     for key in COMMANDS:
         rows = read_episodes(REFERENCE / key / "episodes.csv")
         for axes, metric in zip(grid.flat, CURVES, strict=True):
             values = [row[metric] * METRICS[metric].scale for row in rows]
-            axes.plot(_smoothed(values), label=key, **(look_of(key) | {"marker": ""}))
+            axes.plot(_smoothed(values), label=key, **(looks[key] | {"marker": ""}))
             axes.set_title(METRICS[metric].heading, fontsize=10)
             axes.grid(alpha=0.3)
     for axes in grid[1]:

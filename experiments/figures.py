@@ -64,8 +64,8 @@ _HOVER = ("static-pf", "static-mmf")
 _HOLLOW = ("-zero", "-full-power", "-retargeted")
 # Lengths without a common divisor: it takes long until a run looks like another.
 _RUN_COLOURS = (_PURPLE, _GREEN, _VERMILLION, _ORANGE, _SKY, _GREY, _BLACK)
-_RUN_MARKERS = ((3, 1, 0), (6, 1, 0), "8", (4, 1, 0), "H")
-_RUN_LINES = (_DASHED, _LONG, _DOT, _TWO_DOTS, _TWO_DASHES, _SPARSE)
+_RUN_MARKERS = ((4, 1, 0), (6, 1, 0), "8", (3, 1, 0), "H")
+_RUN_LINES = (_LONG, _DASHED, _DOT, _TWO_DOTS, _TWO_DASHES, _SPARSE)
 
 _STYLE = {
     "axes.axisbelow": True,
@@ -157,7 +157,7 @@ class _Sheet:
         self.metric = metric
         self.heading = METRICS[metric].heading
         self.dimension = _longest_dimension(results)
-        self.looks = _looks(_label(result) for result in results)
+        self.looks = looks_of(_label(result) for result in results)
         self.objectives = {_label(result): result["objective"] for result in results}
         self.episodes = {result["episodes"] for result in results}
         self.curves: dict[str, _Curve] = {}
@@ -367,7 +367,7 @@ def _far_apart(places: Sequence[float], most: int) -> list[float]:
 
 
 def _round_ticks() -> MaxNLocator:
-    return MaxNLocator(5, steps=[1, 2, 2.5, 5, 10])
+    return MaxNLocator(6, steps=[1, 2, 2.5, 5, 10])
 
 
 def _width_in(text: str) -> float:
@@ -392,7 +392,7 @@ def _legend_shape(labels: Sequence[str], width_in: float) -> tuple[int, int]:
     return len(labels), 1
 
 
-def _looks(labels: Iterable[str]) -> dict[str, dict[str, Any]]:
+def looks_of(labels: Iterable[str]) -> dict[str, dict[str, Any]]:
     """How methods are drawn: the built-in ones always the same, runs in order of appearance."""
     looks = {}
     runs: dict[str, int] = {}
@@ -410,7 +410,7 @@ def _looks(labels: Iterable[str]) -> dict[str, dict[str, Any]]:
         if label.endswith("-zero"):
             look["linestyle"] = _TWIN_LINE
         if label.endswith(", sampled"):
-            look |= {"linestyle": _SAMPLED_LINE, "fillstyle": "bottom"}
+            look |= {"linestyle": _SAMPLED_LINE, "markerfacecolor": "#D0D0D0"}
         looks[label] = look
     return looks
 

@@ -54,7 +54,7 @@ def test_every_folder_of_code_is_packaged():
     shipped = set(project["package-dir"].values())
     folders = {
         str(path.parent.relative_to(ROOT))
-        for room in [*ROOMS, "src"]
+        for room in [*ROOMS, "src", "runs/reference"]
         for path in (ROOT / room).rglob("__init__.py")
     }
     assert folders == shipped
