@@ -141,6 +141,9 @@ def evaluate(
                 flown, is_complete = fly(plan, _progress(shown, quiet), flown)
                 document = summary_document(plan, flown, description, command, is_complete)
                 if flown:
+                    print_line(
+                        shown, "summarising and drawing ..." if figures else "summarising ..."
+                    )
                     table = episodes_table(plan, flown)
                     write_evaluation(directory, document, table, figures)
             finally:
@@ -243,11 +246,10 @@ def _announce(out: Console, plan: "Plan", world: "RunConfig", flown: dict[Any, A
     distributions = dict.fromkeys(setting.distribution for setting in settings)
     print_line(out, f"distributions {', '.join(distributions)}")
     total = len(settings) * len(plan.entries) * plan.episodes
-    print_line(
-        out,
-        f"{len(settings):,} settings x {len(plan.entries)} methods x {plan.episodes:,} topologies "
-        f"= {total:,} flights" + (f", {len(flown)} batches of them flown before" if flown else ""),
-    )
+    counts = [(len(settings), "setting"), (len(plan.entries), "method")]
+    product = " x ".join(f"{count:,} {what}{'' if count == 1 else 's'}" for count, what in counts)
+    before = f", {len(flown)} batches of them flown before" if flown else ""
+    print_line(out, f"{product} x {plan.episodes:,} topologies = {total:,} flights{before}")
     told: set[str] = set()
     for entry in plan.entries:
         if entry.policy is not None and entry.policy.run not in told:
