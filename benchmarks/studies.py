@@ -12,7 +12,10 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from orchid_uav.experiments.evaluation_files import SUMMARY_FILE
+import pyarrow.parquet as pq
+
+from orchid_uav.experiments.evaluation import CEILING
+from orchid_uav.experiments.evaluation_files import EPISODES_FILE, SUMMARY_FILE
 from orchid_uav.experiments.files import write_atomically
 
 RESULTS = Path(__file__).parent / "results"
@@ -56,11 +59,29 @@ def run(name: str) -> None:
             env=environment,
         )
         document = json.loads((out / SUMMARY_FILE).read_text(encoding="utf-8"))
+        document["planner_wins"] = planner_wins(pq.read_table(out / EPISODES_FILE).to_pylist())
     document["command"] = ["orchid", "eval", *STUDIES[name]]
     text = json.dumps(_rounded(document), ensure_ascii=False, separators=(",", ":"))
     # A result a line, so that a change shows what has changed.
     text = text.replace('{"method":"', '\n{"method":"')
     write_atomically(RESULTS / f"{name}.json", (text + "\n").encode())
+
+
+def planner_wins(rows: list[dict[str, Any]]) -> dict[str, float]:
+    """By method, the share of its flights in which the planner has the higher utility."""
+    names = ("distribution", "uavs", "users", "speed_mps", "heading_hold_s", "episode")
+    planned = {
+        tuple(row[name] for name in names): row["utility"]
+        for row in rows
+        if row["method"] == CEILING
+    }
+    wins: dict[str, list[bool]] = {}
+    for row in rows:
+        own = tuple(row[name] for name in names)
+        if own in planned and row["method"] != CEILING:
+            label = row["method"] + ("" if row["deterministic"] else ", sampled")
+            wins.setdefault(label, []).append(planned[own] > row["utility"])
+    return {label: sum(won) / len(won) for label, won in wins.items()}
 
 
 def _rounded(value: Any) -> Any:
