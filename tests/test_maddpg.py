@@ -284,3 +284,28 @@ class TestOtherEnvironments:
     def test_refuses_actions_that_are_no_bounded_numbers(self):
         with pytest.raises(TypeError, match="bounded Box"):
             MADDPG("JointCriticPolicy", make_supersuit_vec_env(simple_spread_v3.parallel_env, 1))
+
+
+def test_surplus_worlds_get_no_updates():
+    # Three worlds and four episodes: the last round has one world's transitions, and its updates.
+    slots, agents = SMALL["episode_slots"], SMALL["uavs"]
+    model = small_maddpg(worlds=3, update_every=2, batch_size=2)
+    model.learn(4 * slots * agents)
+    assert model._n_updates == (3 + 1) * slots // 2
+
+
+@pytest.mark.parametrize(
+    "keywords", [{"use_sde": True}, {"action_noise": object()}, {"replay_buffer_class": object}]
+)
+def test_what_would_be_ignored_is_refused(keywords):
+    with pytest.raises(ValueError, match=f"{next(iter(keywords))} is not supported"):
+        small_maddpg(**keywords)
+
+
+def test_no_replay_buffer_is_pickled(tmp_path):
+    model = small_maddpg()
+    with pytest.raises(NotImplementedError):
+        model.save_replay_buffer(tmp_path / "replay.pkl")
+    with pytest.raises(NotImplementedError):
+        model.load_replay_buffer(tmp_path / "replay.pkl")
+    assert not list(tmp_path.iterdir())
