@@ -15,6 +15,7 @@ from orchid_uav.envs.world import Topologies, WorldBatch
 Floats = NDArray[np.float64]
 
 LOITER_RADIUS_M = 40.0
+_SMALLEST_NORMAL = float(np.finfo(np.float64).tiny)
 RESTARTS = 30
 
 
@@ -43,7 +44,8 @@ class Loiter:
     """Circles its start at the speed of least propulsion power, with full transmit power.
 
     Args:
-        radius_m: of the circle; a turn's bank angle is ``bank_angle_deg(speed, radius)``.
+        radius_m: of the circle, less where the area has no room for it; a turn's bank angle is
+            ``bank_angle_deg(speed, radius)``.
     """
 
     def __init__(self, radius_m: float = LOITER_RADIUS_M) -> None:
@@ -54,13 +56,13 @@ class Loiter:
     def begin(self, world: WorldBatch) -> None:
         """Take the present positions as the centres of the circles."""
         self.speed_mps = loiter_speed_mps(world)
+        self.circle_m = circle_radius_m(world, self.radius_m)
         self.centres_m = self._inside(world, world.arrays.positions_m[..., :2])
 
     def _inside(self, world: WorldBatch, centres_m: Floats) -> Floats:
         """Centres moved away from the borders as far as a whole circle needs."""
         area_m = world.parameters.network.area_m
-        margin_m = min(self.radius_m, 0.5 * area_m)
-        return np.clip(centres_m, margin_m, area_m - margin_m)
+        return np.clip(centres_m, self.circle_m, area_m - self.circle_m)
 
     def act(self, world: WorldBatch) -> Actions:
         """On along the circle, or towards it."""
@@ -69,7 +71,7 @@ class Loiter:
 
     def _displacement_m(self, world: WorldBatch, step_m: float) -> Floats:
         relative_m = world.arrays.positions_m[..., :2] - self.centres_m
-        return circling_displacement_m(relative_m, self.radius_m, step_m)
+        return circling_displacement_m(relative_m, self.circle_m, step_m)
 
 
 class BalancedLoiter(Loiter):
@@ -204,7 +206,12 @@ def circling_displacement_m(relative_m: Floats, radius_m: float, step_m: float) 
     aim_m = radius_m * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     displacement_m = aim_m - relative_m
     length_m = np.linalg.norm(displacement_m, axis=-1, keepdims=True)
-    return displacement_m * (step_m / np.maximum(length_m, step_m))
+    return displacement_m * (step_m / np.maximum(length_m, max(step_m, _SMALLEST_NORMAL)))
+
+
+def circle_radius_m(world: WorldBatch, radius_m: float) -> float:
+    """The radius wanted, or less where the area has no room for it."""
+    return min(radius_m, 0.5 * world.parameters.network.area_m)
 
 
 def loiter_speed_mps(world: WorldBatch) -> float:

@@ -10,6 +10,7 @@ from orchid_uav.agents.heuristics import (
     RESTARTS,
     Loiter,
     candidate_starts,
+    circle_radius_m,
     loiter_speed_mps,
     repeat_topology,
 )
@@ -115,10 +116,11 @@ class Planner(Loiter):
         )
         left = self.evaluations - 1 - self.restarts
         while left > 0 and not strategy.stop():
-            candidates = strategy.ask()
+            candidates = strategy.ask()[:left]
             found = judge.utilities(np.stack(candidates).reshape(-1, *plan.shape), target_users)
-            strategy.tell(candidates, (-found).tolist())
             left -= len(found)
+            if left > 0:  # else it may be but a part of a population
+                strategy.tell(candidates, (-found).tolist())
             if found.max() > utility:
                 plan, utility = candidates[int(found.argmax())].reshape(plan.shape), found.max()
         return plan
@@ -133,7 +135,7 @@ class _Judge:
     def __init__(self, world: WorldBatch, radius_m: float) -> None:
         parameters = world.parameters
         uav, area_m = parameters.uav, parameters.network.area_m
-        margin_m = min(radius_m, 0.5 * area_m)
+        margin_m = circle_radius_m(world, radius_m)
         low = (margin_m, margin_m, uav.min_altitude_m, uav.min_transmit_power_w)
         high = (
             area_m - margin_m,
@@ -141,7 +143,8 @@ class _Judge:
             uav.max_altitude_m,
             uav.max_transmit_power_w,
         )
-        self._low, self._range = np.array(low), np.array(high) - np.array(low)
+        self._low, self._high = np.array(low), np.array(high)
+        self._range = self._high - self._low
         self._trial = WorldBatch(parameters, worlds=_POPULATION * _CIRCLE_POINTS, seed=0)
         angles = 2.0 * np.pi * np.arange(_CIRCLE_POINTS) / _CIRCLE_POINTS
         self._circle_m = np.zeros((_CIRCLE_POINTS, 3))
@@ -169,7 +172,7 @@ class _Judge:
 
     def placements(self, plans: Floats) -> tuple[Floats, Floats]:
         """Centres (plans, N, 3) in m and powers (plans, N) in W."""
-        values = self._low + plans * self._range
+        values = np.minimum(self._low + plans * self._range, self._high)
         return values[..., :3], values[..., 3]
 
     def utilities(self, plans: Floats, target_users: NDArray[np.bool_]) -> Floats:

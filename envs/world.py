@@ -189,7 +189,7 @@ class WorldBatch:
         Args:
             positions_m: (B, N, 3), inside the flight box.
             transmit_powers_w: (B, N), within the limits; by default as they are.
-            target_users: (B, M), whom the UAVs are there for; by default as it is.
+            target_users: (B, M) or (M,), whom the UAVs are there for; by default as it is.
 
         Raises:
             ValueError: a shape or a value that does not fit.
@@ -201,13 +201,16 @@ class WorldBatch:
         positions = np.asarray(positions_m, np.float64)
         low, high = (0.0, 0.0, uav.min_altitude_m), (area_m, area_m, uav.max_altitude_m)
         _check("positions_m", positions, self.arrays.positions_m.shape, np.array([low, high]))
+        powers_w = self.arrays.transmit_powers_w
         if transmit_powers_w is not None:
             powers_w = np.asarray(transmit_powers_w, np.float64)
             limits = np.array([uav.min_transmit_power_w, uav.max_transmit_power_w])
             _check("transmit_powers_w", powers_w, self.arrays.transmit_powers_w.shape, limits)
-            self.arrays.transmit_powers_w[:] = powers_w
+        targets = self.arrays.target_users
         if target_users is not None:
-            self.arrays.target_users[:] = np.asarray(target_users, np.bool_)
+            targets = np.broadcast_to(np.asarray(target_users, np.bool_), targets.shape)
+        self.arrays.transmit_powers_w[:] = powers_w
+        self.arrays.target_users[:] = targets
         self.arrays.positions_m[:] = positions
         begin_episodes(self.constants, self.arrays, np.arange(self.world_count))
 

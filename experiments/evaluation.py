@@ -17,7 +17,7 @@ from orchid_uav.envs.diagnostics import Diagnostics
 from orchid_uav.envs.parameters import Parameters
 from orchid_uav.envs.world import Topologies, WorldBatch, evaluation_seeds
 from orchid_uav.experiments.configuration import LEARNING_SECTIONS, RunConfig, flatten
-from orchid_uav.experiments.errors import InputError
+from orchid_uav.experiments.errors import InputError, RunFailedError
 from orchid_uav.experiments.methods import METHOD_KEYS, Entry, Policy
 from orchid_uav.experiments.metrics import EPISODE_FIGURES, HEADROOM
 from orchid_uav.experiments.statistics import interval, summarise
@@ -138,6 +138,8 @@ def evaluate(plan: Plan, progress: Progress, flown: Flown | None = None) -> tupl
                     done[flight.key] = _fly(plan, flight, topologies, progress)
     except KeyboardInterrupt:
         return done, False
+    except MemoryError as error:
+        raise RunFailedError(f"not enough memory: {error}") from error
     finally:
         progress.end()
     return done, True

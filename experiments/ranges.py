@@ -6,6 +6,7 @@ from decimal import Decimal
 from orchid_uav.experiments.errors import InputError
 
 MOST_VALUES = 10_000
+_LEAST_STEP, _GREATEST = Decimal("1e-9"), Decimal("1e9")
 _NUMBER = r"[+-]?(?:\d+(?:\.\d+)?|\.\d+)(?:[eE][+-]?\d+)?"
 _PART = re.compile(rf"({_NUMBER})(?:\.\.({_NUMBER})(?::({_NUMBER}))?)?")
 _FORM = "like 6, 4,6,8, 4..10 or 50..200:50"
@@ -47,15 +48,27 @@ def _parse_part(part: str, what: str) -> list[Decimal]:
     if match is None:
         raise InputError(f"{what} {part!r} is not a number or a range: write it {_FORM}")
     first_text, last_text, step_text = match.groups()
-    first = Decimal(first_text)
+    first = _number(first_text, part, what)
     if last_text is None:
         return [first]
-    last, step = Decimal(last_text), Decimal(step_text or 1)
+    last, step = _number(last_text, part, what), _number(step_text or "1", part, what)
     if step <= 0:
         raise InputError(f"{what} {part} has the step {step_text}: it is above 0")
+    if step < _LEAST_STEP:
+        raise InputError(f"{what} {part} has more than {MOST_VALUES:,} values")
     if last < first:
         raise InputError(f"{what} {part} is empty: write the smaller number first")
     count = int((last - first) / step) + 1
     if count > MOST_VALUES:
         raise InputError(f"{what} {part} has {count:,} values, more than {MOST_VALUES:,}")
     return [first + index * step for index in range(count)]
+
+
+def _number(text: str, part: str, what: str) -> Decimal:
+    try:
+        number = Decimal(text)
+        if abs(number) <= _GREATEST:
+            return number
+    except ArithmeticError:  # an exponent beyond those of decimals
+        pass
+    raise InputError(f"{what} {part} is beyond any number that can be meant here")

@@ -11,6 +11,8 @@ from scipy.stats import DegenerateDataWarning, bootstrap
 Floats = NDArray[np.float64]
 
 RESAMPLES = 2000
+_ROUNDING = 1e-12
+"""Values that differ by less than this share of the greatest are the same."""
 CONFIDENCE = 0.95
 INTERVAL = f"BCa bootstrap, {RESAMPLES} resamples, {CONFIDENCE:.0%}"
 
@@ -30,16 +32,16 @@ def summarise(values: Floats) -> dict[str, Any]:
 
 
 def interval(samples: tuple[Floats, ...], statistic: Callable[..., Any]) -> list[float] | None:
-    """BCa interval [low, high] of a statistic of paired samples; None for fewer than 2 values.
+    """BCa interval [low, high] of a statistic of paired samples; None where there is none.
 
     Args:
-        samples: of the same length, drawn together.
+        samples: of the same length, drawn together; constant ones give an interval of no width.
         statistic: of the samples, along ``axis``.
     """
     if len(samples[0]) < 2:
         return None
     observed = float(statistic(*samples, axis=-1))
-    if all(np.ptp(sample) == 0.0 for sample in samples):
+    if all(np.ptp(sample) <= _ROUNDING * np.abs(sample).max() for sample in samples):
         return [observed, observed]
     with warnings.catch_warnings():
         # Values that differ by rounding alone have no acceleration constant.
@@ -55,5 +57,7 @@ def interval(samples: tuple[Floats, ...], statistic: Callable[..., Any]) -> list
             method="BCa",
             rng=np.random.default_rng(0),
         )
+    if np.ptp(result.bootstrap_distribution) == 0.0:  # the same in every resample
+        return [observed, observed]
     low, high = map(float, result.confidence_interval)
-    return [low, high] if np.isfinite([low, high]).all() else [observed, observed]
+    return [low, high] if np.isfinite([low, high]).all() else None
