@@ -14,15 +14,13 @@ from typing import Any
 import numpy as np
 
 from benchmarks.measuring import record
-from orchid_uav.agents import load_policy
-from orchid_uav.agents.heuristics import Hover
-from orchid_uav.agents.learned import Learned
-from orchid_uav.agents.method import Method
 from orchid_uav.cli.display import SilentReporter
-from orchid_uav.envs import Parameters, WorldBatch, evaluation_seeds
-from orchid_uav.envs.diagnostics import Diagnostics
+from orchid_uav.cli.evaluation_display import SilentProgress
+from orchid_uav.envs import Parameters
 from orchid_uav.experiments.configuration import Layer, RunConfig, merge
+from orchid_uav.experiments.evaluation import Plan, Setting, evaluate
 from orchid_uav.experiments.files import write_json
+from orchid_uav.experiments.methods import Entry, select
 from orchid_uav.experiments.run_directory import RunDirectory
 from orchid_uav.experiments.training import train
 
@@ -67,25 +65,12 @@ def configure(algorithm: str, values: dict[str, Any], episodes: int) -> RunConfi
     return merge([Layer("tuning", layer)])[0]
 
 
-def score(method: Method, parameters: Parameters) -> dict[str, float]:
+def score(entry: Entry) -> dict[str, float]:
     """Mean utility and a few figures over the tuning topologies."""
-    seeds = evaluation_seeds(SEED, TOPOLOGIES)
-    world = WorldBatch(parameters, worlds=TOPOLOGIES, seed=seeds)
-    world.set_progress(1.0)
-    world.reset()
-    method.begin(world)
-    diagnostics = Diagnostics(world)
-    for _ in range(parameters.network.episode_slots):
-        world.step(method.act(world))
-        diagnostics.observe()
-    episodes = [
-        world.episode_metrics(index) | diagnostics.episode_metrics(index)
-        for index in range(TOPOLOGIES)
-    ]
+    plan = Plan([entry], [Setting("tcp", 6, 100, 0.0, 1.0)], TOPOLOGIES, SEED, Parameters())
+    (figures,) = evaluate(plan, SilentProgress())[0].values()
     names = ("utility", "energy_efficiency_bit_per_joule", "load_jfi", "rate_jfi", "coverage")
-    return {
-        name: float(f"{np.mean([episode[name] for episode in episodes]):.6g}") for name in names
-    }
+    return {name: float(f"{np.mean(figures[name]):.6g}") for name in names}
 
 
 def run_trial(algorithm: str, values: dict[str, Any], episodes: int) -> dict[str, Any]:
@@ -94,8 +79,7 @@ def run_trial(algorithm: str, values: dict[str, Any], episodes: int) -> dict[str
     with tempfile.TemporaryDirectory() as directory:
         run = RunDirectory.create(Path(directory), "tuning", config, [])
         outcome = train(config, run, SilentReporter())
-        actor = load_policy(run.path)
-    figures = score(Learned(actor), config.network_parameters)
+        figures = score(select([], [run.path])[0])
     return {"values": values, "seconds": round(outcome.seconds, 1), **figures}
 
 
@@ -114,7 +98,7 @@ def main() -> None:
         "spaces": SPACES,
     }
     logs: dict[str, list[dict[str, Any]]] = {algorithm: [] for algorithm in SPACES}
-    zero_action = score(Hover(), Parameters())
+    zero_action = score(select(["static-mmf"])[0])
     for number in range(arguments.trials):
         for algorithm, log in logs.items():
             values = trials(algorithm, arguments.trials)[number]
