@@ -69,6 +69,16 @@ Greatest resident memory of `orchid train --quiet --episodes {memory_episodes}` 
 own; it does not grow with the episodes. The first run after an installation compiles the simulator:
 """
 
+EVALUATION_TEXT = """\
+## Evaluation
+
+The UAV study: {first} to {last} UAVs, {method_count} methods ({methods}), {episodes} topologies
+each, {flights:,} episodes in all, from the drawing of the topologies to the figures of every
+episode. `one at a time` flies the same learned policy through SuperSuit and SB3's `predict`, and
+computes fewer figures ({episodes_one_at_a_time} episodes of every UAV count). One thread, medians
+of {repetitions} repetitions in turns.
+"""
+
 
 def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     lines = [header, ["---", *["---:"] * (len(header) - 1)], *rows]
@@ -142,9 +152,36 @@ def _training(result: Mapping[str, Any]) -> list[str]:
     ]
 
 
+def _evaluation(result: Mapping[str, Any]) -> list[str]:
+    settings = result["settings"]
+    uavs, methods = settings["uavs"], settings["methods"]
+    flights = len(uavs) * len(methods) * settings["episodes"]
+    rows = [[name, *_spread(case, 1e3, 2)] for name, case in result["seconds_per_episode"].items()]
+    rows.append(["one at a time / batched", f"**{result['ratio']:.1f}**", ""])
+    text = EVALUATION_TEXT.format(
+        **{key: value for key, value in settings.items() if key != "methods"},
+        first=uavs[0],
+        last=uavs[-1],
+        method_count=len(methods),
+        methods=", ".join(f"`{method}`" for method in methods),
+        flights=flights,
+    )
+    return [
+        text,
+        _table(["", "ms per episode", "least … greatest"], rows),
+        f"The whole study: **{result['study_s']:.1f} s**.\n",
+        _conditions(result),
+    ]
+
+
 def render() -> str:
     """The whole page."""
-    parts = [INTRODUCTION, *_simulator(_read("simulator")), *_training(_read("training"))]
+    parts = [
+        INTRODUCTION,
+        *_simulator(_read("simulator")),
+        *_training(_read("training")),
+        *_evaluation(_read("evaluation")),
+    ]
     return "\n".join(parts)
 
 

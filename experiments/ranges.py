@@ -55,7 +55,7 @@ def _parse_part(part: str, what: str) -> list[Decimal]:
     if step <= 0:
         raise InputError(f"{what} {part} has the step {step_text}: it is above 0")
     if step < _LEAST_STEP:
-        raise InputError(f"{what} {part} has more than {MOST_VALUES:,} values")
+        raise InputError(f"{what} {part} has the step {step_text}: it is at least {_LEAST_STEP}")
     if last < first:
         raise InputError(f"{what} {part} is empty: write the smaller number first")
     count = int((last - first) / step) + 1

@@ -41,7 +41,7 @@ def interval(samples: tuple[Floats, ...], statistic: Callable[..., Any]) -> list
     if len(samples[0]) < 2:
         return None
     observed = float(statistic(*samples, axis=-1))
-    if all(np.ptp(sample) <= _ROUNDING * np.abs(sample).max() for sample in samples):
+    if all(map(_is_constant, samples)):
         return [observed, observed]
     with warnings.catch_warnings():
         # Values that differ by rounding alone have no acceleration constant.
@@ -57,7 +57,11 @@ def interval(samples: tuple[Floats, ...], statistic: Callable[..., Any]) -> list
             method="BCa",
             rng=np.random.default_rng(0),
         )
-    if np.ptp(result.bootstrap_distribution) == 0.0:  # the same in every resample
+    if _is_constant(result.bootstrap_distribution):
         return [observed, observed]
     low, high = map(float, result.confidence_interval)
     return [low, high] if np.isfinite([low, high]).all() else None
+
+
+def _is_constant(values: Floats) -> bool:
+    return bool(np.ptp(values) <= _ROUNDING * np.abs(values).max())

@@ -124,6 +124,36 @@ class TestTopologies:
                 by_hand.step(actions)
                 assert_same(contents(by_reset), contents(by_hand))
 
+    def test_begun_are_all_that_counts_in_worlds_that_have_been_used(self):
+        topologies = WorldBatch(worlds=2, seed=9).draw_topologies()
+        used, fresh = WorldBatch(worlds=2, seed=1), WorldBatch(worlds=2, seed=2)
+        used.reset()
+        for _ in range(8):
+            used.step(np.ones((2, 6, 4)))
+        for world in (used, fresh):
+            world.begin(topologies)
+        assert_same(contents(used), contents(fresh))
+        arrays = used.arrays
+        np.testing.assert_array_equal(arrays.users_m, topologies.users_m.transpose(0, 2, 1))
+        np.testing.assert_array_equal(arrays.positions_m[..., :2], topologies.start_m)
+        assert (arrays.positions_m[..., 2] == 100.0).all()
+        np.testing.assert_allclose(arrays.transmit_powers_w, 0.15)
+        assert (arrays.velocities_mps == 0.0).all()
+
+    def test_begun_shadow_the_links_of_the_gbs_as_drawn(self):
+        world = WorldBatch(worlds=2, seed=9)
+        topologies = world.draw_topologies()
+        world.begin(topologies)
+        users_m = topologies.users_m - 1000.0
+        distances_m = np.sqrt((users_m**2).sum(axis=-1) + 30.0**2)
+        reference_db = 20.0 * math.log10(4.0 * math.pi * 2.4e9 / 299_792_458.0)
+        loss_db = reference_db + 35.0 * np.log10(distances_m) + topologies.shadowing_db
+        snr = 10.0 ** (-loss_db / 10.0) / (10.0 ** (-17.4 - 3.0) * 10e6)  # 1 W, 10 MHz
+        served = ~topologies.target_users & (snr >= 10.0**0.6)
+        rates_bps = 10e6 * np.log2(1.0 + snr) / served.sum(axis=1, keepdims=True)
+        np.testing.assert_allclose(world.gbs_rates_bps(), np.where(served, rates_bps, 0.0))
+        assert 5.0 < topologies.shadowing_db.std() < 11.0
+
     def test_of_some_worlds_begin_there_alone(self):
         by_reset, by_hand = (WorldBatch(worlds=4, seed=5) for _ in range(2))
         for world in (by_reset, by_hand):
@@ -690,6 +720,7 @@ class TestLearned:
 
     def test_noise_of_a_world_depends_neither_on_the_batch_nor_on_the_policy(self):
         all_noise = self.noise_of(Learned(self.actor(), self.noise(self.SEEDS)), self.SEEDS)
+        assert len(np.unique(all_noise)) == all_noise.size == 6 * 5 * 3 * 4
         for method in (Learned(self.actor(), self.noise((104,))), ZeroAction(self.noise((104,)))):
             alone = self.noise_of(method, (104,))
             np.testing.assert_array_equal(alone[:, 0], all_noise[:, 3])

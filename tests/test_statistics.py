@@ -194,3 +194,7 @@ class TestPairedRatio:
         # Floor and ceiling are equal in two topologies of three: resamples of these have no ratio.
         own, low, high = ([0.5, 0.6, 0.7], [0.5, 0.5, 0.5], [0.5, 0.5, 0.9])
         assert interval((np.array(own), np.array(low), np.array(high)), share) is None
+
+    def test_that_is_the_same_in_every_resample_but_for_rounding_is_a_point(self):
+        low = np.array([0.0, 0.1, 0.3])
+        assert interval((low + 0.1, low, low + 0.2), share) == pytest.approx([0.5, 0.5])
