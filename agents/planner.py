@@ -1,6 +1,7 @@
 """Offline search over positions and powers for each topology, then loiter: near the ceiling."""
 
 import warnings
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,6 +64,8 @@ class Planner(Loiter):
         self.restarts = restarts
         self.seed = seed
         self.keeps_targets = keeps_targets
+        self.after_each: Callable[[], None] = lambda: None
+        """Called whenever one world's plan is made."""
 
     def begin(self, world: WorldBatch) -> None:
         """Plan for every world, and place its UAVs."""
@@ -84,6 +87,7 @@ class Planner(Loiter):
             targets[index] = candidates[best]
             plan = self._search(judge, starts[best], utilities[best], candidates[best])
             positions_m[index], powers_w[index] = (part[0] for part in judge.placements(plan[None]))
+            self.after_each()
         world.place(positions_m, powers_w, targets)
         super().begin(world)
 

@@ -4,11 +4,12 @@ The study is 7 UAV counts × 6 methods × 100 topologies on one core, from the d
 topologies to the last figure of the last episode; start-up, bootstrap intervals and plots apart.
 
 "one at a time" is what one would write with the usual parts: a PettingZoo environment through
-SuperSuit to SB3, an SB3 model's ``predict`` on its rows, the metrics from its infos. It is timed on
-a few episodes of every UAV count and flies the learned policies alone; ``orchid eval`` does the
-same flights in the same run, with its further figures (blocking pairs, GBS users, thrust).
+SuperSuit to SB3, an SB3 model's ``predict`` on its rows, the metrics from its infos, and the
+further figures (blocking pairs, GBS users, thrust) by the ``Diagnostics`` of ``orchid eval``. It is
+timed on a few episodes of every UAV count; the rules fly there, too, without ``predict``.
 """
 
+import itertools
 import time
 from collections.abc import Sequence
 
@@ -18,17 +19,19 @@ from stable_baselines3.common.vec_env import VecEnv
 from threadpoolctl import threadpool_limits
 
 from benchmarks.measuring import alternate, arguments, ratio, record, report
-from orchid_uav.agents import MAPPO
+from orchid_uav.agents import MAPPO, LocalActor
+from orchid_uav.agents.method import Method
 from orchid_uav.cli.evaluation_display import SilentProgress
 from orchid_uav.envs import evaluation_seeds, make_supersuit_vec_env, parallel_env
+from orchid_uav.envs.diagnostics import Diagnostics
 from orchid_uav.envs.parameters import Parameters
 from orchid_uav.experiments.evaluation import Plan, Setting, evaluate
-from orchid_uav.experiments.methods import read_released, select
+from orchid_uav.experiments.methods import select
 
 UAVS = range(4, 11)
 STUDY = ("orchid", "maddpg-pf", "maddpg-mmf", "static-pf", "static-mmf", "loiter-mmf")
 EPISODES = 100
-EPISODES_ONE_AT_A_TIME = 2
+EPISODES_ONE_AT_A_TIME = 1
 POLICY = "orchid"
 
 
@@ -47,40 +50,51 @@ def batched_s(methods: Sequence[str]) -> float:
     return (time.perf_counter() - began_s) / flights
 
 
-def one_at_a_time_s() -> float:
+def one_at_a_time_s(methods: Sequence[str]) -> float:
     """Seconds per episode through SuperSuit and SB3's ``predict``."""
     took_s = 0.0
-    for uavs in UAVS:
-        env = make_supersuit_vec_env(lambda uavs=uavs: parallel_env(uavs=uavs))
-        model = _model(env)
+    for uavs, entry in itertools.product(UAVS, select(methods)):
+        objective = entry.overrides["reward.objective"]
+        env = make_supersuit_vec_env(
+            lambda uavs=uavs, objective=objective: parallel_env(uavs=uavs, objective=objective)
+        )
+        model = None if entry.policy is None else _model(env, entry.policy.actor)
         for seed in evaluation_seeds(0, EPISODES_ONE_AT_A_TIME):
             began_s = time.perf_counter()
-            _fly(env, model, seed)
+            _fly(env, model, entry.make([seed]), seed)
             took_s += time.perf_counter() - began_s
-    return took_s / (len(UAVS) * EPISODES_ONE_AT_A_TIME)
+    return took_s / (len(UAVS) * len(methods) * EPISODES_ONE_AT_A_TIME)
 
 
-def _model(env: VecEnv) -> MAPPO:
-    """An SB3 model with the released actor."""
+def _model(env: VecEnv, actor: LocalActor) -> MAPPO:
+    """An SB3 model with a released actor."""
     model = MAPPO("CentralizedCriticPolicy", env, n_steps=2)
     weights = model.policy.actor.state_dict()
-    layers = read_released(POLICY).actor.layers
-    for (name, _), array in zip(
-        weights.items(), [part for layer in layers for part in layer], strict=True
-    ):
+    arrays = [array for layer in actor.layers for array in layer]
+    for name, array in zip(weights, arrays, strict=True):
         weights[name] = torch.from_numpy(array.copy())
     model.policy.actor.load_state_dict(weights)
     return model
 
 
-def _fly(env: VecEnv, model: MAPPO, seed: int) -> dict[str, float]:
+def _fly(env: VecEnv, model: MAPPO | None, rule: Method, seed: int) -> dict[str, float]:
+    world = env.worlds[0].unwrapped.world
+    world.set_progress(1.0)
     env.seed(seed)
     observations = env.reset()
-    dones = np.zeros(env.num_envs, bool)
-    while not dones.any():
-        actions, _ = model.predict(observations, deterministic=True)
-        observations, _, dones, infos = env.step(actions)
-    return infos[0]["episode_metrics"]
+    diagnostics = Diagnostics(world)
+    diagnostics.begin()
+    rule.begin(world)
+    for _ in range(world.parameters.network.episode_slots):
+        if model is None:
+            actions = rule.act(world)[0].astype(np.float32)
+        else:
+            actions, _ = model.predict(observations, deterministic=True)
+        last = int(world.arrays.slot[0])
+        observations, _, _, infos = env.step(actions)
+        if world.arrays.slot[0] > last:  # else the next episode has begun
+            diagnostics.observe()
+    return infos[0]["episode_metrics"] | diagnostics.episode_metrics(0)
 
 
 def main() -> None:
@@ -90,15 +104,19 @@ def main() -> None:
     with threadpool_limits(1):
         results = alternate(
             {
-                "study, per episode": lambda _: batched_s(STUDY),
-                "policy, batched": lambda _: batched_s([POLICY]),
-                "policy, one at a time": lambda _: one_at_a_time_s(),
+                "study, batched": lambda _: batched_s(STUDY),
+                "study, one at a time": lambda _: one_at_a_time_s(STUDY),
+                "`orchid` alone, batched": lambda _: batched_s([POLICY]),
+                "`orchid` alone, one at a time": lambda _: one_at_a_time_s([POLICY]),
             },
             options.repetitions,
         )
     flights = len(UAVS) * len(STUDY) * EPISODES
-    study_s = round(results["study, per episode"]["median"] * flights, 1)
-    speedup = ratio(results, "policy, one at a time", "policy, batched")
+    study_s = round(results["study, batched"]["median"] * flights, 1)
+    ratios = {
+        name: ratio(results, f"{name}, one at a time", f"{name}, batched")
+        for name in ("study", "`orchid` alone")
+    }
     document = record(
         {
             "uavs": list(UAVS),
@@ -109,10 +127,11 @@ def main() -> None:
         },
         seconds_per_episode=results,
         study_s=study_s,
-        ratio=speedup,
+        ratios=ratios,
     )
     rows = {f"{name}, s": f"{result['median']:.4f}" for name, result in results.items()}
-    rows |= {"study, s": f"{study_s}", "one at a time / batched": f"{speedup}"}
+    rows |= {f"{name}, one at a time / batched": f"{value}" for name, value in ratios.items()}
+    rows["study, s"] = f"{study_s}"
     report("evaluation", rows, document, options.json)
 
 

@@ -74,9 +74,9 @@ EVALUATION_TEXT = """\
 
 The UAV study: {first} to {last} UAVs, {method_count} methods ({methods}), {episodes} topologies
 each, {flights:,} episodes in all, from the drawing of the topologies to the figures of every
-episode. `one at a time` flies the same learned policy through SuperSuit and SB3's `predict`, and
-computes fewer figures ({episodes_one_at_a_time} episodes of every UAV count). One thread, medians
-of {repetitions} repetitions in turns.
+episode. `one at a time` does the same one world after the other: SuperSuit's rows, SB3's `predict`,
+the same figures ({episodes_one_at_a_time} episode of every UAV count and method). One thread,
+medians of {repetitions} repetitions in turns.
 """
 
 
@@ -157,7 +157,8 @@ def _evaluation(result: Mapping[str, Any]) -> list[str]:
     uavs, methods = settings["uavs"], settings["methods"]
     flights = len(uavs) * len(methods) * settings["episodes"]
     rows = [[name, *_spread(case, 1e3, 2)] for name, case in result["seconds_per_episode"].items()]
-    rows.append(["one at a time / batched", f"**{result['ratio']:.1f}**", ""])
+    for name, value in result["ratios"].items():
+        rows.append([f"{name}, one at a time / batched", f"**{value:.1f}**", ""])
     text = EVALUATION_TEXT.format(
         **{key: value for key, value in settings.items() if key != "methods"},
         first=uavs[0],

@@ -17,6 +17,7 @@ import pyarrow.parquet as pq
 from orchid_uav.experiments.evaluation import CEILING
 from orchid_uav.experiments.evaluation_files import EPISODES_FILE, SUMMARY_FILE
 from orchid_uav.experiments.files import write_atomically
+from orchid_uav.experiments.metrics import label_of
 
 RESULTS = Path(__file__).parent / "results"
 DIGITS = 6
@@ -32,6 +33,14 @@ STUDIES: dict[str, tuple[str, ...]] = {
         "--stochastic",
     ),
     "uavs": ("--uavs", "4..10", "--methods", PAPER_AND_BOUNDS),
+    "uavs_60mhz": (
+        *("--uavs", "4..10", "--set", "network.total_bandwidth_hz=60e6"),
+        *("--methods", "orchid,maddpg-pf,maddpg-mmf,static-pf,static-mmf,loiter-mmf"),
+    ),
+    "n_init_10": (
+        *("--set", "deployment.n_init=10"),
+        *("--methods", "orchid,orchid-zero,static-pf,static-mmf,loiter-mmf,balanced-loiter"),
+    ),
     "mobility": (
         *("--speeds", "0..15:5", "--heading-hold", "1,20"),
         *("--methods", "orchid,maddpg-mmf,static-mmf,loiter-mmf,balanced-loiter,track,planner"),
@@ -79,8 +88,7 @@ def planner_wins(rows: list[dict[str, Any]]) -> dict[str, float]:
     for row in rows:
         own = tuple(row[name] for name in names)
         if own in planned and row["method"] != CEILING:
-            label = row["method"] + ("" if row["deterministic"] else ", sampled")
-            wins.setdefault(label, []).append(planned[own] > row["utility"])
+            wins.setdefault(label_of(row), []).append(planned[own] > row["utility"])
     return {label: sum(won) / len(won) for label, won in wins.items()}
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from benchmarks.studies import PLANNER_BUDGETS
 from orchid_uav.experiments.methods import COMMANDS, RELEASED
-from orchid_uav.experiments.metrics import HEADLINE, HEADROOM, METRICS
+from orchid_uav.experiments.metrics import HEADLINE, HEADROOM, METRICS, label_of
 from orchid_uav.experiments.run_directory import read_episodes
 
 ROOT = Path(__file__).parent.parent
@@ -49,11 +49,6 @@ def cell(result: Result, metric: str, spread: bool = True) -> str:
     return f"{text} ± {described.text(value['std'])}" if spread and value["std"] else text
 
 
-def label(result: Result) -> str:
-    """The method, and whether its actions are sampled."""
-    return f"`{result['method']}`" + ("" if result["deterministic"] else ", sampled")
-
-
 def source(name: str, document: Mapping[str, Any]) -> str:
     """When, where and how the figures were made."""
     command = " ".join(document["command"])
@@ -67,7 +62,7 @@ def metrics_table(results: Sequence[Result], metrics: Sequence[str], spread: boo
     """Methods by metrics."""
     return table(
         ["method", *(METRICS[metric].heading for metric in metrics)],
-        [[label(result), *(cell(result, metric, spread) for metric in metrics)]
+        [[f"`{label_of(result)}`", *(cell(result, metric, spread) for metric in metrics)]
          for result in results],
     )  # fmt: skip
 
@@ -79,9 +74,7 @@ def commands_block() -> str:
         record = json.loads((REFERENCE / key / "run.json").read_text(encoding="utf-8"))
         resets = ", ".join(map(str, record["reset_episodes"])) or "–"
         command = " ".join(["orchid train", *arguments])
-        rows.append(
-            [f"`{key}`", RELEASED[key].idea, f"`{command}`", f"{record['seconds']:.0f}", resets]
-        )
+        rows.append([f"`{key}`", RELEASED[key], f"`{command}`", f"{record['seconds']:.0f}", resets])
     header = ["key", "what", "trained by", "seconds", "resets at episode"]
     return (
         table(header, rows, words=3)

@@ -22,7 +22,13 @@ from orchid_uav.envs.propulsion import (
     total_power_w,
 )
 from orchid_uav.envs.reward import energy_efficiency, final_utility
-from orchid_uav.envs.sharing import bandwidth_share, cell_throughput_bps, user_rate_bps
+from orchid_uav.envs.sharing import (
+    PROPORTIONAL,
+    SPECTRAL_EFFICIENCY,
+    bandwidth_share,
+    cell_throughput_bps,
+    user_rate_bps,
+)
 from orchid_uav.envs.world import WorldBatch
 
 _LEAST_GAIN = 1.0 + 1e-9
@@ -152,31 +158,39 @@ def _count_blocking_pairs(constants: Constants, worlds: Worlds, world: int) -> i
     association, efficiencies = worlds.association[world], worlds.spectral_efficiency[world]
     loads = worlds.loads[world]
     uavs = len(loads)
+    counts = loads.astype(np.float64)
     sums, inverse_sums, square_sums = np.zeros(uavs), np.zeros(uavs), np.zeros(uavs)
-    throughputs_bps = np.zeros(uavs)
+    means = np.zeros(uavs)  # throughput over bandwidth: the mean that the rule of shares makes
     for user in range(len(association)):
         uav = association[user]
         if uav >= 0:
             sums[uav] += efficiencies[user]
             inverse_sums[uav] += 1.0 / efficiencies[user]
             square_sums[uav] += efficiencies[user] ** 2
-            throughputs_bps[uav] += worlds.rates_bps[world, user]
+            means[uav] += worlds.rates_bps[world, user] / constants.bandwidth_hz
     pairs = 0
     for user in range(len(association)):
-        if association[user] < 0:  # no UAV reaches it
+        own = association[user]
+        if own < 0:  # no UAV reaches it
             continue
-        enough_bps = worlds.rates_bps[world, user] * _LEAST_GAIN
+        efficiency = efficiencies[user]
+        # By what the rates in a cell are divided, and what the user would add to it.
+        crowding, added = inverse_sums, 1.0 / efficiency
+        if constants.share_rule == PROPORTIONAL:
+            crowding, added = counts, 1.0
+        elif constants.share_rule == SPECTRAL_EFFICIENCY:
+            crowding, added = sums, efficiency
         for uav in range(uavs):
-            if uav == association[user]:
-                continue
-            cell = (loads[uav], sums[uav], inverse_sums[uav], square_sums[uav])
-            enough_for_uav_bps = throughputs_bps[uav] * _LEAST_GAIN
             # Its own UAV is received best: a change that would not pay over as good a link does not
-            # pay, and most links need not be computed.
-            if _both_gain(constants, efficiencies[user], cell, enough_bps, enough_for_uav_bps):
-                efficiency = _link_efficiency(constants, worlds, world, uav, user)
-                pairs += efficiency > 0.0 and _both_gain(
-                    constants, efficiency, cell, enough_bps, enough_for_uav_bps
+            # pay, and most links need not be computed. A cell gains by whoever is above its mean.
+            if crowding[uav] + added < crowding[own] and efficiency > means[uav]:
+                link = _link_efficiency(constants, worlds, world, uav, user)
+                pairs += link > means[uav] and _both_gain(
+                    constants,
+                    link,
+                    (loads[uav], sums[uav], inverse_sums[uav], square_sums[uav]),
+                    worlds.rates_bps[world, user] * _LEAST_GAIN,
+                    means[uav] * constants.bandwidth_hz * _LEAST_GAIN,
                 )
     return pairs
 

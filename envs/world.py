@@ -73,6 +73,11 @@ class Topologies(NamedTuple):
         return Topologies(*(array[worlds] for array in self))  # type: ignore[arg-type]
 
     @classmethod
+    def joined(cls, parts: Sequence["Topologies"]) -> "Topologies":
+        """Those of several batches."""
+        return cls(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+
+    @classmethod
     def empty(cls, worlds: int, uavs: int, users: int) -> "Topologies":
         """Arrays of the right shapes and types, all zero."""
         return cls(

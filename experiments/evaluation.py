@@ -3,7 +3,7 @@
 import itertools
 import signal
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from types import FrameType
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from orchid_uav.agents.planner import Planner
 from orchid_uav.envs.diagnostics import Diagnostics
 from orchid_uav.envs.parameters import Parameters
 from orchid_uav.envs.world import Topologies, WorldBatch, evaluation_seeds
@@ -103,8 +104,11 @@ class Progress(Protocol):
     def begin(self, total_cost: float) -> None:
         """The flights are about to begin."""
 
-    def advance(self, flight: Flight, cost: float) -> None:
-        """So much of the total cost has been flown."""
+    def start(self, flight: Flight) -> None:
+        """This flight is next."""
+
+    def advance(self, cost: float) -> None:
+        """So much of the total cost is behind."""
 
     def end(self) -> None:
         """No flight goes on."""
@@ -114,13 +118,19 @@ Flown = dict[tuple[Any, ...], Figures]
 """Figures by :attr:`Flight.key`."""
 
 
-def evaluate(plan: Plan, progress: Progress, flown: Flown | None = None) -> tuple[Flown, bool]:
+def evaluate(
+    plan: Plan,
+    progress: Progress,
+    flown: Flown | None = None,
+    save: Callable[[Flown], None] = lambda flown: None,
+) -> tuple[Flown, bool]:
     """Fly all flights of a plan; all topologies of a setting as one batch.
 
     Args:
         plan: what to fly.
         progress: shows it.
         flown: flights of an interrupted evaluation of the same plan, which are not flown again.
+        save: called with all flights so far after every setting, and however the flying ends.
 
     Returns:
         The figures by flight, and whether all flights were flown: ctrl-C and SIGTERM end the
@@ -131,16 +141,19 @@ def evaluate(plan: Plan, progress: Progress, flown: Flown | None = None) -> tupl
     progress.begin(sum(_cost(flight) for flight in waiting))
     try:
         # One thread: small matrices, and figures that do not depend on the number of cores.
-        with _interruptible(), threadpool_limits(1):
+        with threadpool_limits(1):
             for setting, flights in itertools.groupby(waiting, lambda flight: flight.setting):
                 topologies = _Topologies(plan, setting)
                 for flight in flights:
                     done[flight.key] = _fly(plan, flight, topologies, progress)
+                save(done)
     except KeyboardInterrupt:
         return done, False
     except MemoryError as error:
         raise RunFailedError(f"not enough memory: {error}") from error
     finally:
+        if done:
+            save(done)
         progress.end()
     return done, True
 
@@ -175,34 +188,59 @@ class _Topologies:
         parameters = self._parameters.with_overrides(dict(entry.overrides))
         kind = parameters.deployment
         if kind not in self._drawn:
-            batch = WorldBatch(parameters, worlds=len(self.seeds), seed=self.seeds)
-            self._drawn[kind] = batch.draw_topologies()
+            try:
+                self._drawn[kind] = Topologies.joined(
+                    [
+                        WorldBatch(parameters, len(seeds), seeds).draw_topologies()
+                        for seeds in in_batches(self.seeds)
+                    ]
+                )
+            except ValueError as error:
+                raise InputError(f"a start that cannot be found: {error}") from error
         return parameters, self._drawn[kind]
 
 
 def _fly(plan: Plan, flight: Flight, topologies: _Topologies, progress: Progress) -> Figures:
     parameters, all_topologies = topologies.of(flight.entry)
-    parts = []
-    for first in range(0, plan.episodes, _WORLDS_AT_ONCE):
-        chosen = slice(first, first + _WORLDS_AT_ONCE)
-        some = all_topologies.chosen(chosen)
-        parts.append(_fly_batch(flight.entry, parameters, some, topologies.seeds[chosen]))
-        progress.advance(flight, _cost(flight) * len(parts[-1]["reward"]) / plan.episodes)
+    parts: list[Figures] = []
+    first = 0
+    progress.start(flight)
+    for seeds in in_batches(topologies.seeds):
+        some = all_topologies.chosen(slice(first, first + len(seeds)))
+        first += len(seeds)
+        cost = _cost(flight) * len(seeds) / plan.episodes
+        parts.append(_fly_batch(flight.entry, parameters, some, seeds, progress, cost))
     return {name: np.concatenate([part[name] for part in parts]) for name in EPISODE_FIGURES}
 
 
+def in_batches(seeds: Sequence[int]) -> Iterator[Sequence[int]]:
+    """As many worlds as are kept in memory at once."""
+    for first in range(0, len(seeds), _WORLDS_AT_ONCE):
+        yield seeds[first : first + _WORLDS_AT_ONCE]
+
+
 def _fly_batch(
-    entry: Entry, parameters: Parameters, topologies: Topologies, seeds: Sequence[int]
+    entry: Entry,
+    parameters: Parameters,
+    topologies: Topologies,
+    seeds: Sequence[int],
+    progress: Progress,
+    cost: float,
 ) -> Figures:
     world = WorldBatch(parameters, worlds=len(seeds), seed=0)
     world.set_progress(1.0)
     world.begin(topologies)
     method = entry.make(seeds)
+    if isinstance(method, Planner):  # which takes its time before it flies
+        method.after_each = lambda: progress.advance(cost / len(seeds))
     method.begin(world)
     diagnostics = Diagnostics(world)
+    diagnostics.begin()
     for _ in range(parameters.network.episode_slots):
         world.step(method.act(world))
         diagnostics.observe()
+    if not isinstance(method, Planner):
+        progress.advance(cost)
     episodes = [
         world.episode_metrics(index) | diagnostics.episode_metrics(index)
         for index in range(len(seeds))
@@ -211,7 +249,7 @@ def _fly_batch(
 
 
 @contextmanager
-def _interruptible() -> Iterator[None]:
+def interruptible() -> Iterator[None]:
     """Let SIGTERM and SIGHUP, like ctrl-C, raise KeyboardInterrupt."""
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -239,7 +277,7 @@ def summarise_flights(plan: Plan, flown: Mapping[tuple[Any, ...], Figures]) -> l
         figures = flown[flight.key]
         results.append(
             describe(flight)
-            | {"episodes": plan.episodes}
+            | {"episodes": plan.episodes, "comparable": flight.entry.is_comparable}
             | {name: summarise(figures[name]) for name in EPISODE_FIGURES}
             | {HEADROOM: _headroom(flight, figures, flown)}
         )
@@ -272,8 +310,9 @@ def _headroom(
         return (np.mean(own, axis=axis) - np.mean(low, axis=axis)) / room
 
     samples = figures["utility"], floor["utility"], ceiling["utility"]
-    if np.mean(samples[2]) == np.mean(samples[1]):
-        return unknown
+    room = summarise(samples[2] - samples[1])
+    if room["mean"] <= 0.0 or (room["ci95"] and room["ci95"][0] <= 0.0):
+        return unknown  # no room to speak of
     return {
         "mean": float(share(*samples, axis=-1)),
         "std": None,

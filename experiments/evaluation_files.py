@@ -3,7 +3,8 @@
 import json
 import shutil
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -22,12 +23,13 @@ from orchid_uav.experiments.evaluation import (
     describe,
     summarise_flights,
 )
-from orchid_uav.experiments.files import write_json
+from orchid_uav.experiments.files import write_atomically, write_json
 from orchid_uav.experiments.metrics import EPISODE_FIGURES
 from orchid_uav.experiments.provenance import describe_host, describe_versions
 from orchid_uav.experiments.statistics import INTERVAL
 
 SCHEMA = 1
+DEFAULT_PARENT = Path("orchid-eval")
 EPISODES_FILE, SUMMARY_FILE, FIGURES_FOLDER = "episodes.parquet", "summary.json", "figures"
 
 
@@ -35,7 +37,7 @@ def make_default_directory() -> Path:
     """A new ``./orchid-eval/<UTC time>``, with a number behind it if that is taken."""
     name = f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}"
     for suffix in ("", *(f"-{number}" for number in range(2, 100))):
-        directory = Path("orchid-eval") / (name + suffix)
+        directory = DEFAULT_PARENT / (name + suffix)
         try:
             directory.mkdir(parents=True)
         except FileExistsError:
@@ -43,7 +45,7 @@ def make_default_directory() -> Path:
         except OSError as error:
             raise InputError(f"cannot make {directory}: {error.strerror or error}") from error
         return directory
-    raise InputError(f"cannot find a free name for {Path('orchid-eval') / name}")
+    raise InputError(f"cannot find a free name for {DEFAULT_PARENT / name}")
 
 
 def describe_plan(plan: Plan, planner_evaluations: int) -> dict[str, Any]:
@@ -56,6 +58,7 @@ def describe_plan(plan: Plan, planner_evaluations: int) -> dict[str, Any]:
                 "run": entry.policy.run if entry.policy else None,
                 "sha256": entry.policy.actor.description.get("sha256") if entry.policy else None,
                 "deterministic": entry.deterministic,
+                "overrides": dict(entry.overrides),
             }
             for entry in plan.entries
         ],
@@ -80,13 +83,15 @@ def read_interrupted(directory: Path, plan: Plan, settings: Mapping[str, Any]) -
     Raises:
         InputError: the directory holds anything else, which is not to be overwritten.
     """
-    if not directory.exists() or (directory.is_dir() and not any(directory.iterdir())):
-        return {}
     try:
+        if not directory.exists() or (directory.is_dir() and not any(directory.iterdir())):
+            return {}
         summary = json.loads((directory / SUMMARY_FILE).read_text(encoding="utf-8"))
         status, known = summary["status"], summary["settings"]
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(f"--out {directory} exists, and is no evaluation to go on with") from error
+        raise InputError(
+            f"--out {directory} can be no directory of results, or holds something else: {error}"
+        ) from error
     if status != "interrupted":
         raise InputError(f"--out {directory} holds a complete evaluation: choose another directory")
     if known != dict(settings):
@@ -95,6 +100,8 @@ def read_interrupted(directory: Path, plan: Plan, settings: Mapping[str, Any]) -
             f"--out {directory} holds an interrupted evaluation of other settings: "
             f"{', '.join(differing)}"
         )
+    if not (directory / EPISODES_FILE).is_file():
+        return {}
     try:
         rows = pq.read_table(directory / EPISODES_FILE).to_pylist()
     except (OSError, pa.ArrowException) as error:
@@ -145,40 +152,68 @@ def summary_document(
     plan: Plan, flown: Flown, settings: Mapping[str, Any], command: list[str], is_complete: bool
 ) -> dict[str, Any]:
     """The content of ``summary.json``, which is also what ``orchid eval --json`` prints."""
+    header = _header(settings, command, "completed" if is_complete else "interrupted")
+    return header | {"results": summarise_flights(plan, flown)}
+
+
+def _header(settings: Mapping[str, Any], command: list[str], status: str) -> dict[str, Any]:
     host = describe_host()
     del host["name"]
     return {
         "schema": SCHEMA,
-        "status": "completed" if is_complete else "interrupted",
+        "status": status,
         "date": f"{datetime.now(UTC):%Y-%m-%d}",
         "command": command,
         "versions": describe_versions(),
         "host": host,
         "settings": dict(settings),
-        "results": summarise_flights(plan, flown),
     }
 
 
-def write_evaluation(
-    directory: Path, document: Mapping[str, Any], table: pa.Table, with_figures: bool = True
+def save_flights(
+    directory: Path, plan: Plan, flown: Flown, settings: Mapping[str, Any], command: list[str]
 ) -> None:
-    """Fill the directory, ``summary.json`` last.
+    """Keep flights so that the same evaluation can go on from them.
 
     Raises:
-        RunFailedError: it cannot be written.
+        RunFailedError: they cannot be written.
     """
-    try:
-        with tempfile.TemporaryDirectory(prefix=".writing-", dir=directory) as name:
-            beside = Path(name)
-            pq.write_table(table, beside / EPISODES_FILE)
-            if with_figures and document["results"]:
-                from orchid_uav.experiments.figures import draw_figures
+    document = _header(settings, command, "interrupted") | {"results": []}
+    with _told(directory):
+        # In this order: a summary without episodes is one of nothing flown yet.
+        if not (directory / SUMMARY_FILE).exists():
+            write_json(directory / SUMMARY_FILE, document)
+        _write_table(episodes_table(plan, flown), directory / EPISODES_FILE)
 
-                (beside / FIGURES_FOLDER).mkdir()
-                draw_figures(document["results"], beside / FIGURES_FOLDER)
-                shutil.rmtree(directory / FIGURES_FOLDER, ignore_errors=True)
-                (beside / FIGURES_FOLDER).rename(directory / FIGURES_FOLDER)
-            (beside / EPISODES_FILE).replace(directory / EPISODES_FILE)
+
+def write_evaluation(
+    directory: Path, document: Mapping[str, Any], with_figures: bool = True
+) -> None:
+    """Add figures to saved flights, and then the summary.
+
+    Raises:
+        RunFailedError: they cannot be written.
+    """
+    with _told(directory):
+        shutil.rmtree(directory / FIGURES_FOLDER, ignore_errors=True)
+        if with_figures and document["results"]:
+            from orchid_uav.experiments.figures import draw_figures
+
+            with tempfile.TemporaryDirectory(prefix=".drawing-", dir=directory) as beside:
+                draw_figures(document["results"], Path(beside) / FIGURES_FOLDER)
+                (Path(beside) / FIGURES_FOLDER).rename(directory / FIGURES_FOLDER)
         write_json(directory / SUMMARY_FILE, document)
+
+
+def _write_table(table: pa.Table, path: Path) -> None:
+    content = pa.BufferOutputStream()
+    pq.write_table(table, content)
+    write_atomically(path, content.getvalue().to_pybytes())
+
+
+@contextmanager
+def _told(directory: Path) -> Iterator[None]:
+    try:
+        yield
     except OSError as error:
         raise RunFailedError(f"cannot write to {directory}: {error.strerror or error}") from error

@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.textpath import TextPath
 from matplotlib.ticker import MaxNLocator
 
-from orchid_uav.experiments.metrics import HEADROOM, METRICS
+from orchid_uav.experiments.metrics import HEADROOM, METRICS, label_of
 
 Results = Sequence[Mapping[str, Any]]
 
@@ -157,8 +157,8 @@ class _Sheet:
         self.metric = metric
         self.heading = METRICS[metric].heading
         self.dimension = _longest_dimension(results)
-        self.looks = looks_of(_label(result) for result in results)
-        self.objectives = {_label(result): result["objective"] for result in results}
+        self.looks = looks_of(label_of(result) for result in results)
+        self.objectives = {label_of(result): result["objective"] for result in results}
         self.episodes = {result["episodes"] for result in results}
         self.curves: dict[str, _Curve] = {}
         """By the method's label, in the order of the results."""
@@ -167,7 +167,7 @@ class _Sheet:
             if result[metric]["mean"] is not None:
                 panel = tuple(result[name] for name in names)
                 place = float(result[self.dimension]) if self.dimension else 0.0
-                curve = self.curves.setdefault(_label(result), {})
+                curve = self.curves.setdefault(label_of(result), {})
                 curve[panel, place] = _shown(metric, result[metric])
         self.panels = sorted({panel for curve in self.curves.values() for panel, _ in curve})
         self.titles = _titles(names, self.panels)
@@ -295,10 +295,6 @@ class _Sheet:
             ):
                 twins[label] = static
         return twins
-
-
-def _label(result: Mapping[str, Any]) -> str:
-    return result["method"] + ("" if result["deterministic"] else ", sampled")
 
 
 def _base(label: str) -> str:

@@ -6,6 +6,20 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+from orchid_uav.experiments.errors import InputError
+
+
+def expanded(path: str | Path) -> Path:
+    """The path with ``~`` replaced.
+
+    Raises:
+        InputError: there is no such user.
+    """
+    try:
+        return Path(path).expanduser()
+    except RuntimeError as error:
+        raise InputError(f"{path}: {error}") from error
+
 
 def write_atomically(path: Path, content: bytes) -> None:
     """Replace ``path`` in one step: temporary file beside it, fsync, rename."""

@@ -3,10 +3,12 @@
 import difflib
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
+
+from pydantic import ValidationError
 
 from orchid_uav.agents.actor import LocalActor, load_policy
 from orchid_uav.agents.heuristics import BalancedLoiter, Hover, Loiter, Track
@@ -14,8 +16,10 @@ from orchid_uav.agents.learned import ExplorationNoise, Learned, ZeroAction
 from orchid_uav.agents.method import Method
 from orchid_uav.agents.planner import EVALUATIONS, Planner
 from orchid_uav.envs.arrays import ACTION_SIZE, OBSERVATION_SIZE
+from orchid_uav.envs.parameters import describe_error
 from orchid_uav.experiments.configuration import RunConfig, flatten
 from orchid_uav.experiments.errors import InputError
+from orchid_uav.experiments.files import expanded
 
 ALL, RULES, LEARNED = "all", "rules", "learned"
 """Groups of methods, for ``--methods``."""
@@ -24,11 +28,18 @@ METHOD_KEYS = (
     "reward.objective",
     "reward.shares",
     "deployment.init",
-    "deployment.n_init",
     "uav.observation",
 )
-"""What a run's configuration says of the method rather than of the world that it flies in."""
-_MMF, _PF = {"reward.objective": "mmf"}, {"reward.objective": "pf"}
+"""What belongs to a method rather than to the world that it flies in."""
+_MMF, _PF = (
+    {
+        "reward.objective": objective,
+        "reward.shares": None,
+        "deployment.init": "kmeans",
+        "uav.observation": "paper",
+    }
+    for objective in ("mmf", "pf")
+)
 
 
 @dataclass(frozen=True)
@@ -39,6 +50,8 @@ class Policy:
     run: str
     """The run's id."""
     config: RunConfig
+    is_complete: bool = True
+    """False if the run was interrupted."""
 
 
 @dataclass(frozen=True)
@@ -64,21 +77,13 @@ class Entry:
         return self.key if self.deterministic else f"{self.key}, sampled"
 
 
-@dataclass(frozen=True)
-class _Released:
-    idea: str
-    overrides: Mapping[str, Any] = field(default_factory=lambda: _MMF)
-
-
-RELEASED: dict[str, _Released] = {
-    "orchid": _Released("MAPPO and Reset-and-Finetune: the paper's proposal"),
-    "orchid-no-rf": _Released("the same without Reset-and-Finetune"),
-    "orchid-pf": _Released("proportional fairness in reward and shares, repeated resets", _PF),
-    "orchid-random-init": _Released(
-        "trained and flown from random starts", {**_MMF, "deployment.init": "random"}
-    ),
-    "maddpg-pf": _Released("Baseline 1: MADDPG, proportional fairness", _PF),
-    "maddpg-mmf": _Released("Baseline 2: MADDPG, max-min fairness"),
+RELEASED = {
+    "orchid": "MAPPO and Reset-and-Finetune: the paper's proposal",
+    "orchid-no-rf": "the same without Reset-and-Finetune",
+    "orchid-pf": "proportional fairness in reward and shares, repeated resets",
+    "orchid-random-init": "trained and flown from random starts",
+    "maddpg-pf": "Baseline 1: MADDPG, proportional fairness",
+    "maddpg-mmf": "Baseline 2: MADDPG, max-min fairness",
 }
 """The policies that come with the package, in ``orchid_uav.reference``."""
 
@@ -198,30 +203,25 @@ def select(
         else:
             name = key.removesuffix(ZERO)
             policy = read_released(name)
-            overrides, idea = RELEASED[name].overrides, RELEASED[name].idea
-            entries += _rows_of(policy, name, overrides, idea, stochastic, key.endswith(ZERO))
+            entries += _rows_of(policy, name, RELEASED[name], stochastic, key.endswith(ZERO))
     seen: set[str] = set()
     for path in runs:
         policy = read_run(path)
         if policy.run in seen:
             raise InputError(f"run {policy.run} is given twice")
         seen.add(policy.run)
-        overrides = {key: flatten(policy.config)[key] for key in METHOD_KEYS}
+        if policy.run in known:
+            raise InputError(f"run {policy.run} has the key of a built-in method: rename it")
         for is_zero in (False, True):
-            entries += _rows_of(policy, policy.run, overrides, str(path), stochastic, is_zero)
+            entries += _rows_of(policy, policy.run, str(path), stochastic, is_zero)
     if not entries:
         raise InputError("there is nothing to evaluate: name methods or runs")
     return entries
 
 
-def _rows_of(
-    policy: Policy,
-    name: str,
-    overrides: Mapping[str, Any],
-    idea: str,
-    stochastic: bool,
-    is_zero: bool,
-) -> list[Entry]:
+def _rows_of(policy: Policy, name: str, idea: str, stochastic: bool, is_zero: bool) -> list[Entry]:
+    overrides = {key: flatten(policy.config)[key] for key in METHOD_KEYS}
+
     def make(is_sampled: bool) -> Callable[[Sequence[int]], Method]:
         def method(seeds: Sequence[int]) -> Method:
             noise = ExplorationNoise(policy.actor.log_std, seeds) if is_sampled else None
@@ -263,12 +263,15 @@ def read_run(path: Path) -> Policy:
         raise InputError(f"{path} is not a run directory: it has no run.json") from error
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(f"cannot read {path / 'run.json'}: {error}") from error
-    if status in ("running", "failed"):
-        state = "is still running, or died" if status == "running" else "failed"
+    if status not in ("completed", "interrupted"):
+        state = "is still running, or died" if status == "running" else f"is '{status}'"
         raise InputError(f"run {run} {state}: only a run that ended has a policy to fly ({path})")
     try:
         config = RunConfig.model_validate_json((path / "config.json").read_text(encoding="utf-8"))
         actor = load_policy(path)
+    except ValidationError as error:
+        reason = f"{path / 'config.json'}: {describe_error(error)[1]}"
+        raise InputError(f"run {run} cannot be flown: {reason}") from error
     except (OSError, ValueError) as error:
         raise InputError(f"run {run} cannot be flown: {error}") from error
     sizes = (actor.observation_size, actor.action_size)
@@ -277,7 +280,7 @@ def read_run(path: Path) -> Policy:
             f"run {run} has a policy of {sizes[0]} observations and {sizes[1]} actions; the "
             f"environment has {OBSERVATION_SIZE} and {ACTION_SIZE}"
         )
-    return Policy(actor, run, config)
+    return Policy(actor, run, config, is_complete=status == "completed")
 
 
 def find_run(name: str, runs_dir: Path) -> Path:
@@ -286,9 +289,12 @@ def find_run(name: str, runs_dir: Path) -> Path:
     Raises:
         InputError: none or several fit.
     """
-    given = Path(name).expanduser()
-    if given.is_dir():
-        return given
+    given = expanded(name)
+    try:
+        if given.is_dir():
+            return given
+    except OSError as error:
+        raise InputError(f"no run '{name}': {error.strerror}") from error
     if not runs_dir.is_dir():
         raise InputError(f"no run '{name}': there is no directory {runs_dir}")
     ids = sorted(path.name for path in runs_dir.iterdir() if (path / "run.json").is_file())
@@ -298,7 +304,8 @@ def find_run(name: str, runs_dir: Path) -> Path:
     if len(found) == 1:
         return runs_dir / found[0]
     if found:
-        raise InputError(f"'{name}' begins {len(found)} runs: {', '.join(found[:4])} ...")
+        shown = ", ".join(found[:4]) + (" ..." if len(found) > 4 else "")
+        raise InputError(f"'{name}' begins {len(found)} runs: {shown}")
     near = difflib.get_close_matches(name, ids, n=1, cutoff=0.3)
     hint = f"; did you mean '{near[0]}'?" if near else ""
     raise InputError(f"no run '{name}' in {runs_dir}{hint}")

@@ -1,6 +1,7 @@
 """How every figure of an episode is called, scaled and judged, for tables, plots and pages."""
 
-from typing import Literal, NamedTuple
+from collections.abc import Mapping
+from typing import Any, Literal, NamedTuple
 
 from orchid_uav.envs.metrics import DIAGNOSTIC_METRICS, EPISODE_METRICS
 
@@ -28,7 +29,13 @@ class Metric(NamedTuple):
 
     def text(self, value: float) -> str:
         """The value as it is shown, without its unit."""
-        return f"{value * self.scale:.{self.digits}f}"
+        text = f"{value * self.scale:.{self.digits}f}"
+        return text.lstrip("-") if float(text) == 0.0 else text
+
+
+def label_of(result: Mapping[str, Any]) -> str:
+    """The method of a result, and whether its actions are sampled."""
+    return result["method"] + ("" if result["deterministic"] else ", sampled")
 
 
 METRICS: dict[str, Metric] = {

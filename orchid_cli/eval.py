@@ -1,6 +1,7 @@
 """``orchid eval``."""
 
 import json
+import math
 import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -22,15 +23,17 @@ from orchid_uav.cli.console import (
 )
 from orchid_uav.experiments.configuration import (
     LEARNING_SECTIONS,
+    RunConfig,
     assignment_layer,
     file_layer,
+    flatten,
     merge,
 )
 from orchid_uav.experiments.errors import InputError
-from orchid_uav.experiments.ranges import parse_counts, parse_numbers
+from orchid_uav.experiments.ranges import MOST_VALUES, parse_counts, parse_numbers
 
 if TYPE_CHECKING:
-    from orchid_uav.experiments.configuration import Layer, RunConfig
+    from orchid_uav.experiments.configuration import Layer
     from orchid_uav.experiments.evaluation import Plan, Setting
     from orchid_uav.experiments.methods import Entry
 
@@ -40,6 +43,10 @@ _DISTRIBUTIONS = ("tcp", "uniform")
 
 def _option(panel: str, text: str, *names: str, **more: Any) -> Any:
     return typer.Option(*names, help=text, rich_help_panel=panel, **more)
+
+
+def _setting(text: str) -> Any:
+    return _option(_SETTINGS, text, show_default=False)
 
 
 def evaluate(
@@ -66,18 +73,22 @@ def evaluate(
     planner_evaluations: Annotated[
         int, _option(_METHODS, "Plans that the planner judges per topology.", min=31)
     ] = 3000,
-    uavs: Annotated[str, _option(_SETTINGS, "Numbers of UAVs, like 4..10.")] = "6",
-    users: Annotated[str, _option(_SETTINGS, "Numbers of users, like 50..200:50.")] = "100",
+    uavs: Annotated[str | None, _setting("Numbers of UAVs, like 4..10 (default: 6).")] = None,
+    users: Annotated[
+        str | None, _setting("Numbers of users, like 50..200:50 (default: 100).")
+    ] = None,
     speeds: Annotated[
-        str, _option(_SETTINGS, "Users' greatest speeds in m/s, like 0..15:2.5.")
-    ] = "0",
+        str | None, _setting("Users' greatest speeds in m/s, like 0..15:2.5 (default: 0).")
+    ] = None,
     heading_hold: Annotated[
-        str, _option(_SETTINGS, "How long users keep a heading in s, like 1,20.")
-    ] = "1",
+        str | None, _setting("How long users keep a heading in s, like 1,20 (default: 1).")
+    ] = None,
     distribution: Annotated[
-        str, _option(_SETTINGS, "Where users are: tcp, uniform, or tcp,uniform.")
-    ] = "tcp",
-    episodes: Annotated[int, _option(_SETTINGS, "Topologies per setting.", min=1)] = 100,
+        str | None, _setting("Where users are: tcp, uniform, or tcp,uniform (default: tcp).")
+    ] = None,
+    episodes: Annotated[
+        int, _option(_SETTINGS, "Topologies per setting.", min=1, max=100_000)
+    ] = 100,
     seed: Annotated[int, _option(_SETTINGS, "Seed of the topologies.", min=0, max=2**63 - 1)] = 0,
     config: ConfigOption = None,
     assignments: SetOption = None,
@@ -110,95 +121,125 @@ def evaluate(
     """
     with failing_well(debug):
         from orchid_uav.experiments.evaluation import evaluate as fly
+        from orchid_uav.experiments.evaluation import interruptible
         from orchid_uav.experiments.evaluation_files import (
             describe_plan,
-            episodes_table,
             make_default_directory,
             read_interrupted,
             reserve_directory,
+            save_flights,
             summary_document,
             write_evaluation,
         )
+        from orchid_uav.experiments.files import expanded
         from orchid_uav.experiments.methods import find_run, select
 
-        settings = _settings(distribution, uavs, users, speeds, heading_hold)
-        shown_metrics = _metrics(metrics)
         world = _world(config, assignments or [])
-        paths = [find_run(name, runs_dir.expanduser()) for name in runs or []]
+        settings = _settings(world, distribution, uavs, users, speeds, heading_hold)
+        shown_metrics = _metrics(metrics)
+        paths = [find_run(name, expanded(runs_dir)) for name in runs or []]
         names = (methods or ("rules" if paths else "all")).split(",")
         entries = select([name.strip() for name in names], paths, stochastic, planner_evaluations)
         plan = _plan(entries, settings, episodes, seed, world)
         description = describe_plan(plan, planner_evaluations)
-        flown = {} if out is None else read_interrupted(out.expanduser(), plan, description)
-        directory = make_default_directory() if out is None else out.expanduser()
+        flown = {} if out is None else read_interrupted(expanded(out), plan, description)
+        directory = make_default_directory() if out is None else expanded(out)
         reserve_directory(directory)
 
         shown = console(stderr=as_json)
         command = ["orchid", *context.obj]
-        with stdout_for_json_alone(as_json):
-            _announce(shown, plan, world, flown)
+        document: dict[str, Any] = {"results": []}
+        is_complete = False
+        with stdout_for_json_alone(as_json), interruptible():
             try:
-                flown, is_complete = fly(plan, _progress(shown, quiet), flown)
-                document = summary_document(plan, flown, description, command, is_complete)
+                _announce(shown, plan, world, flown)
+                flown, is_complete = fly(
+                    plan,
+                    _progress(shown, quiet),
+                    flown,
+                    lambda done: save_flights(directory, plan, done, description, command),
+                )
                 if flown:
-                    print_line(
-                        shown, "summarising and drawing ..." if figures else "summarising ..."
-                    )
-                    table = episodes_table(plan, flown)
-                    write_evaluation(directory, document, table, figures)
+                    if not quiet:
+                        print_line(shown, "summarising" + (" and drawing ..." if figures else ""))
+                    document = summary_document(plan, flown, description, command, is_complete)
+                    write_evaluation(directory, document, figures)
+            except KeyboardInterrupt:
+                is_complete = False
             finally:
                 _remove_if_empty(directory)
         if as_json:
             print(json.dumps(document, allow_nan=False))
-        elif flown:
+        elif document["results"]:
             from orchid_uav.cli.evaluation_tables import print_tables
 
             print_tables(shown, document["results"], shown_metrics)
-        if flown:
-            print_line(shown, f"{document['status']}: {directory}")
-        if not is_complete:
+        if is_complete:
+            print_line(shown, f"completed: {directory}")
+        else:
             again = shlex.join([*command, *([] if out else ["--out", str(directory)])])
             print_line(console(stderr=True), f"interrupted; this goes on: {again}")
             raise typer.Exit(INTERRUPTED)
 
 
 def _settings(
-    distribution: str, uavs: str, users: str, speeds: str, heading_hold: str
+    world: "RunConfig",
+    distribution: str | None,
+    uavs: str | None,
+    users: str | None,
+    speeds: str | None,
+    heading_hold: str | None,
 ) -> list["Setting"]:
+    """All combinations; what is not listed is as the configuration has it."""
     from itertools import product
 
     from orchid_uav.experiments.evaluation import Setting
 
-    distributions = list(dict.fromkeys(part.strip() for part in distribution.split(",")))
+    network = world.network
+    names = (distribution or network.distribution).split(",")
+    distributions = list(dict.fromkeys(name.strip() for name in names))
     for name in distributions:
         if name not in _DISTRIBUTIONS:
             raise InputError(f"--distribution {name!r} is neither tcp nor uniform")
-    return [
-        Setting(*combination)  # type: ignore[arg-type]
-        for combination in product(
-            distributions,
-            parse_counts(uavs, "--uavs"),
-            parse_counts(users, "--users"),
-            parse_numbers(speeds, "--speeds"),
-            parse_numbers(heading_hold, "--heading-hold"),
-        )
+    lists: list[list[Any]] = [
+        distributions,
+        parse_counts(uavs or str(network.uav_count), "--uavs"),
+        parse_counts(users or str(network.user_count), "--users"),
+        parse_numbers(speeds or str(network.user_speed_mps), "--speeds"),
+        parse_numbers(heading_hold or str(network.heading_hold_s), "--heading-hold"),
     ]
+    count = math.prod(map(len, lists))
+    if count > MOST_VALUES:
+        raise InputError(f"the lists make {count:,} settings, more than {MOST_VALUES:,}")
+    return [Setting(*combination) for combination in product(*lists)]
 
 
 def _world(config: Path | None, assignments: list[str]) -> "RunConfig":
     from orchid_uav.experiments.evaluation import SETTING_KEYS
+    from orchid_uav.experiments.methods import METHOD_KEYS
 
     layers: list[Layer] = [] if config is None else [file_layer(config)]
     given = assignment_layer(assignments)
     for key in given.values:
-        section = key.partition(".")[0]
         if key in SETTING_KEYS:
             raise InputError(f"--set {key}: use {SETTING_KEYS[key]}, which takes lists")
-        if key == "reward.objective":
+        if key in METHOD_KEYS:
             raise InputError(f"--set {key}: it belongs to the method, see --methods")
-        if section in LEARNING_SECTIONS:
+        if key.partition(".")[0] in LEARNING_SECTIONS:
             raise InputError(f"--set {key}: nothing is trained here, so it would have no effect")
-    return merge([*layers, given])[0]
+    merged, sources = merge([*layers, given])
+    idle = [
+        key
+        for key, source in sources.items()
+        if source == str(config)
+        and flatten(merged)[key] != flatten(RunConfig())[key]
+        and (key in METHOD_KEYS or key.partition(".")[0] in LEARNING_SECTIONS)
+    ]
+    if idle:
+        print_line(
+            console(stderr=True), f"note: of {config} these have no effect here: {', '.join(idle)}"
+        )
+    return merged
 
 
 def _plan(
@@ -254,6 +295,8 @@ def _announce(out: Console, plan: "Plan", world: "RunConfig", flown: dict[Any, A
     for entry in plan.entries:
         if entry.policy is not None and entry.policy.run not in told:
             told.add(entry.policy.run)
+            if not entry.policy.is_complete:
+                print_line(console(stderr=True), f"note: run {entry.policy.run} was interrupted")
             differing = world_differences(entry.policy, world)
             if differing:
                 print_line(
@@ -272,5 +315,9 @@ def _progress(out: Console, quiet: bool) -> Any:
 
 
 def _remove_if_empty(directory: Path) -> None:
-    if directory.is_dir() and not any(directory.iterdir()):
-        directory.rmdir()
+    """And the folder of the default directories with it."""
+    from orchid_uav.experiments.evaluation_files import DEFAULT_PARENT
+
+    for one in (directory, *([directory.parent] if directory.parent == DEFAULT_PARENT else [])):
+        if one.is_dir() and not any(one.iterdir()):
+            one.rmdir()

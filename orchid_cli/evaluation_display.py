@@ -32,7 +32,10 @@ class SilentProgress:
     def begin(self, total_cost: float) -> None:
         """Nothing."""
 
-    def advance(self, flight: Flight, cost: float) -> None:
+    def start(self, flight: Flight) -> None:
+        """Nothing."""
+
+    def advance(self, cost: float) -> None:
         """Nothing."""
 
     def end(self) -> None:
@@ -50,7 +53,11 @@ class LineProgress:
         self._total, self._done = total_cost, 0.0
         self._began_s = self._last_line_s = time.monotonic()
 
-    def advance(self, flight: Flight, cost: float) -> None:
+    def start(self, flight: Flight) -> None:
+        """Name it from now on."""
+        self._flight = flight
+
+    def advance(self, cost: float) -> None:
         """Print a line if one is due."""
         self._done += cost
         now_s = time.monotonic()
@@ -60,7 +67,9 @@ class LineProgress:
                 return
             left_s = (now_s - self._began_s) * (self._total - self._done) / self._done
             share = self._done / self._total
-            print_line(self._out, f"{share:.0%}: {_describe(flight)}; about {left_s:.0f} s left")
+            print_line(
+                self._out, f"{share:.0%}: {_describe(self._flight)}; about {left_s:.0f} s left"
+            )
 
     def end(self) -> None:
         """Nothing more to say."""
@@ -87,9 +96,13 @@ class LiveProgress:
         self._task = self._progress.add_task("", total=total_cost)
         self._progress.start()
 
-    def advance(self, flight: Flight, cost: float) -> None:
+    def start(self, flight: Flight) -> None:
+        """Name it from now on."""
+        self._progress.update(self._task, description=_describe(flight))
+
+    def advance(self, cost: float) -> None:
         """Move on."""
-        self._progress.update(self._task, advance=cost, description=_describe(flight))
+        self._progress.update(self._task, advance=cost)
 
     def end(self) -> None:
         """Close the display."""

@@ -6,7 +6,7 @@ from typing import Any
 from rich.console import Console
 
 from orchid_uav.cli.console import print_line, print_table
-from orchid_uav.experiments.metrics import METRICS
+from orchid_uav.experiments.metrics import METRICS, label_of
 
 Result = Mapping[str, Any]
 
@@ -22,9 +22,14 @@ _DIMENSIONS = {
 def print_tables(out: Console, results: Sequence[Result], metrics: Sequence[str]) -> None:
     """Methods by metrics where there is one setting, else methods by settings for each metric."""
     settings = list(dict.fromkeys(_setting(result) for result in results))
-    methods = list(dict.fromkeys(_method(result) for result in results))
-    cells = {(_setting(result), _method(result)): result for result in results}
+    methods = list(dict.fromkeys(label_of(result) for result in results))
+    cells = {(_setting(result), label_of(result)): result for result in results}
     names = _setting_names(settings)
+    metrics = [
+        metric
+        for metric in metrics
+        if any(result[metric]["mean"] is not None for result in results)
+    ]
     if len(settings) == 1:
         columns = {
             METRICS[metric].heading: _column(
@@ -55,7 +60,11 @@ def _column(results: Sequence[Result | None], metric: str) -> list[str]:
     described = METRICS[metric]
     means = [None if result is None else result[metric]["mean"] for result in results]
     shown = [None if mean is None else float(described.text(mean)) for mean in means]
-    known = [value for value in shown if value is not None]
+    known = [
+        value
+        for result, value in zip(results, shown, strict=True)
+        if result is not None and value is not None and result["comparable"]
+    ]
     best = None
     if described.better is not None and len(set(known)) > 1:
         best = max(known) if described.better == "higher" else min(known)
@@ -66,12 +75,9 @@ def _column(results: Sequence[Result | None], metric: str) -> list[str]:
             continue
         std = result[metric]["std"]
         spread = "" if std is None else f" ± {described.text(std)}"
-        texts.append(f"{described.text(mean)}{spread}{' *' if value == best else ''}")
+        star = " *" if value == best and result["comparable"] else ""
+        texts.append(f"{described.text(mean)}{spread}{star}")
     return texts
-
-
-def _method(result: Result) -> str:
-    return str(result["method"]) + ("" if result["deterministic"] else ", sampled")
 
 
 def _setting(result: Result) -> tuple[Any, ...]:

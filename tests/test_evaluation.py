@@ -12,9 +12,9 @@ import pytest
 from orchid_uav.agents import load_policy
 from orchid_uav.agents.heuristics import Hover, Loiter
 from orchid_uav.agents.learned import Learned
-from orchid_uav.cli.evaluation_display import SilentProgress
+from orchid_uav.cli.evaluation_display import LineProgress, SilentProgress
 from orchid_uav.envs import EPISODE_METRICS, Parameters, WorldBatch, evaluation_seeds
-from orchid_uav.experiments import evaluation
+from orchid_uav.experiments import evaluation, evaluation_files
 from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.evaluation import Plan, Setting, evaluate, summarise_flights
 from orchid_uav.experiments.methods import find_run, read_run, rules, select
@@ -100,9 +100,9 @@ def test_all_methods_meet_the_same_users_whatever_their_start(trained, monkeypat
     seen = {}
     original = evaluation._fly_batch
 
-    def spy(entry, parameters, topologies, seeds):
+    def spy(entry, parameters, topologies, *others):
         seen[entry.key] = topologies
-        return original(entry, parameters, topologies, seeds)
+        return original(entry, parameters, topologies, *others)
 
     monkeypatch.setattr(evaluation, "_fly_batch", spy)
     entries = [*select(["rules"], planner_evaluations=40), *select([], [trained])]
@@ -283,9 +283,8 @@ def test_says_where_a_run_was_trained_in_another_world(evaluate_tiny, trained):
         (["--methods=static_pf"], ["'static-pf'"]),
         (["--uavs=4-9"], ["--uavs", "4-9", "4..10"]),
         (["--uavs=9..4"], ["--uavs 9..4", "empty"]),
-        (["--uavs=0..3"], ["0"]),
         (["--uavs=2.5"], ["2.5"]),
-        (["--users="], ["--users"]),
+        (["--users=,"], ["--users"]),
         (["--users=1..20000"], ["10,000"]),
         (["--uavs=30"], ["user_count"]),
         (["--speeds=-3..0"], ["user_speed_mps"]),
@@ -295,6 +294,13 @@ def test_says_where_a_run_was_trained_in_another_world(evaluate_tiny, trained):
         (["--set=ppo.discount=0.9"], ["ppo.discount", "no effect"]),
         (["--set=network.uav_count=3"], ["--uavs"]),
         (["--set=reward.objective=pf"], ["--methods"]),
+        (["--set=reward.shares=pf"], ["--methods"]),
+        (["--set=deployment.init=random"], ["--methods"]),
+        (["--uavs=1..100", "--users=1..10000"], ["1,000,000 settings"]),
+        (["--uavs=2,0"], ["--uavs 2,0", "no count"]),
+        (["~nosuchuser/run"], ["~nosuchuser"]),
+        (["x" * 300], ["xxx"]),
+        (["--episodes=1000000"], ["episodes"]),
         (["--set=uav.max_sped=3"], ["uav.max_speed_mps"]),
         (["no-such-run"], ["no-such-run"]),
         (["--episodes=0"], ["episodes"]),
@@ -416,6 +422,94 @@ def test_an_interrupted_evaluation_goes_on_to_the_same_result(
     assert pq.read_table(parts / "episodes.parquet") == pq.read_table(
         tmp_path / "work/whole/episodes.parquet"
     )
+
+
+@pytest.mark.parametrize("stage", ["summary_document", "write_evaluation"])
+def test_what_was_flown_is_kept_whatever_happens_afterwards(
+    evaluate_tiny, tmp_path, monkeypatch, stage
+):
+    def interrupted(*arguments):
+        raise KeyboardInterrupt
+
+    arguments = ("--methods=static-pf,loiter-mmf", "--out=out", "--no-figures")
+    monkeypatch.setattr(evaluation_files, stage, interrupted)
+    stopped = evaluate_tiny(*arguments)
+    assert stopped.code == 130
+    assert "this goes on: orchid eval" in stopped.err
+    monkeypatch.undo()
+    monkeypatch.chdir(tmp_path / "work")
+    monkeypatch.setattr(evaluation, "_fly_batch", interrupted)  # nothing is flown again
+    finished = evaluate_tiny(*arguments)
+    assert finished.code == 0
+    assert "2 batches of them flown before" in finished.out
+
+
+def test_flights_are_kept_when_the_output_breaks(evaluate_tiny, tmp_path, monkeypatch):
+    calls = []
+
+    def breaking(self, flight):
+        calls.append(flight)
+        if len(calls) == 3:
+            raise BrokenPipeError
+
+    monkeypatch.setattr(LineProgress, "start", breaking)
+    arguments = ("--methods=static-pf,loiter-mmf", "--uavs=2,3", "--out=out", "--no-figures")
+    assert evaluate_tiny(*arguments).code == 1
+    monkeypatch.undo()
+    monkeypatch.chdir(tmp_path / "work")
+    assert "2 batches of them flown before" in evaluate_tiny(*arguments).out
+
+
+def test_settings_that_are_not_listed_come_from_the_file(evaluate_tiny, tmp_path):
+    (tmp_path / "work/lab.toml").write_text(
+        "[network]\nuser_speed_mps = 3.0\nuav_count = 9\n[ppo]\ndiscount = 0.5\n"
+    )
+    finished = evaluate_tiny("--config=lab.toml", "--methods=static-mmf", "--json", "--no-figures")
+    settings = json.loads(finished.out)["settings"]
+    assert (settings["uavs"], settings["speeds_mps"]) == ([2], [3.0])
+    assert "have no effect here: ppo.discount" in finished.err
+
+
+def test_a_method_with_another_task_is_never_the_best(evaluate_tiny):
+    finished = evaluate_tiny("--methods=static-mmf,planner,planner-retargeted", "--no-figures")
+    (line,) = [one for one in finished.out.splitlines() if one.startswith("planner-retargeted")]
+    assert "*" not in line
+
+
+def test_no_share_of_a_headroom_that_is_not_there():
+    setting = [Setting("tcp", 1, 20, 0.0, 1.0)]
+    plan = tiny_plan(select(["static-mmf", "loiter-mmf", "planner"], (), False, 31), setting)
+    figures = {"utility": np.array([1.0, 1.1, 1.2, 1.3])}
+    plain = {name: np.zeros(4) for name in EPISODE_FIGURES}
+    flown = {flight.key: plain | figures for flight in plan.flights()}
+    assert all(result[HEADROOM]["mean"] is None for result in summarise_flights(plan, flown))
+
+
+def test_a_run_with_the_key_of_a_method_is_refused(evaluate_tiny, run_copy):
+    damaged(run_copy, "run.json", lambda record: record.update(id="static-mmf"))
+    assert_is_an_error(evaluate_tiny(run_copy), "static-mmf", "rename")
+
+
+def test_a_damaged_configuration_is_told_in_one_line(evaluate_tiny, run_copy):
+    damaged(run_copy, "config.json", lambda config: config["network"].update(uav_count=-1))
+    assert_is_an_error(evaluate_tiny(run_copy), "config.json", "uav_count")
+
+
+def test_an_interrupted_run_is_flown_with_a_note(evaluate_tiny, run_copy):
+    damaged(run_copy, "run.json", lambda record: record.update(status="interrupted"))
+    finished = evaluate_tiny(run_copy, "--methods=static-mmf", "--no-figures")
+    assert finished.code == 0
+    assert "was interrupted" in finished.err
+
+
+def test_a_released_policy_flies_as_the_same_run_does(evaluate_tiny):
+    from benchmarks.reference_policies import REFERENCE
+
+    finished = evaluate_tiny(
+        REFERENCE / "orchid-random-init", "--methods=orchid-random-init", "--json", "--no-figures"
+    )
+    released, run, _ = json.loads(finished.out)["results"]
+    assert released["utility"] == run["utility"]
 
 
 def test_interrupted_before_anything_was_flown_leaves_nothing(evaluate_tiny, tmp_path, monkeypatch):
