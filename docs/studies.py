@@ -1,11 +1,13 @@
 """Blocks of the documentation about evaluations, from the committed summaries."""
 
+import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from benchmarks.studies import PLANNER_BUDGETS
+from orchid_uav.experiments.files import write_json
 from orchid_uav.experiments.methods import COMMANDS, RELEASED
 from orchid_uav.experiments.metrics import HEADLINE, HEADROOM, METRICS, label_of
 from orchid_uav.experiments.run_directory import read_episodes
@@ -25,6 +27,7 @@ README_METRICS = (
 )
 CURVES = ("reward", "energy_efficiency_bit_per_joule", "rate_jfi", "load_jfi")
 SMOOTHED_EPISODES = 50
+FIGURE_SOURCES = FIGURES / "sources.json"
 
 Result = Mapping[str, Any]
 
@@ -52,6 +55,8 @@ def cell(result: Result, metric: str, spread: bool = True) -> str:
 def source(name: str, document: Mapping[str, Any]) -> str:
     """When, where and how the figures were made."""
     command = " ".join(document["command"])
+    if name.endswith("_N"):
+        command = command.rpartition(" ")[0] + " N"
     return (
         f"{document['date']}, {document['host']['processor']}, `{command}` by `make studies` → "
         f"`benchmarks/results/{name}.json`."
@@ -150,25 +155,47 @@ def methods_block() -> str:
     )
 
 
+def uav_tables(document: Mapping[str, Any], metrics: Sequence[str]) -> list[str]:
+    """Methods by numbers of UAVs, one table for each metric."""
+    counts = document["settings"]["uavs"]
+    methods = [entry["method"] for entry in document["settings"]["methods"]]
+    found = {(result["method"], result["uavs"]): result for result in document["results"]}
+    return [
+        table(
+            [METRICS[metric].heading, *(f"{count} UAVs" for count in counts)],
+            [
+                [f"`{method}`", *(cell(found[method, count], metric) for count in counts)]
+                for method in methods
+            ],
+        )
+        for metric in metrics
+    ]
+
+
 def uav_block() -> str:
     """The UAV study."""
     document = read("uavs")
-    results = document["results"]
-    counts = document["settings"]["uavs"]
-    methods = [entry["method"] for entry in document["settings"]["methods"]]
-    found = {(result["method"], result["uavs"]): result for result in results}
     parts = ["100 topologies for each number of UAVs, 100 users; policies trained with 6."]
-    for metric in UAV_FIGURES:
-        described = METRICS[metric]
-        rows = [
-            [f"`{method}`", *(cell(found[method, count], metric) for count in counts)]
-            for method in methods
-        ]
-        parts += [
-            f"![{described.title} over the number of UAVs](figures/uavs_{metric}.png)",
-            table([described.heading, *(f"{count} UAVs" for count in counts)], rows),
-        ]
+    tables = uav_tables(document, UAV_FIGURES)
+    for metric, values in zip(UAV_FIGURES, tables, strict=True):
+        picture = f"![{METRICS[metric].title} over the number of UAVs](figures/uavs_{metric}.png)"
+        parts += [picture, values]
     return "\n\n".join([*parts, source("uavs", document)])
+
+
+def shared_bandwidth_block() -> str:
+    """The UAV study with a total bandwidth."""
+    document = read("uavs_60mhz")
+    tables = uav_tables(document, ("energy_efficiency_bit_per_joule", "worst_rate_bps"))
+    return "\n\n".join([*tables, source("uavs_60mhz", document)])
+
+
+def restarts_block() -> str:
+    """Phase I as the best of ten K-Means runs by the sum of squares."""
+    document = read("n_init_10")
+    parts = ["Phase I as the best of ten runs by the sum of squares (decision M27), 6 UAVs:"]
+    values = metrics_table(document["results"], HEADLINE[:-1])
+    return "\n\n".join([*parts, values, source("n_init_10", document)])
 
 
 def mobility_block() -> str:
@@ -226,7 +253,25 @@ def draw_studies() -> list[Path]:
     (FIGURES / "new").rmdir()
     paths.append(FIGURES / "reference_training.png")
     draw_training(paths[-1])
-    return paths
+    write_json(FIGURE_SOURCES, {path.name: _digests(path) for path in paths})
+    return [*paths, FIGURE_SOURCES]
+
+
+def figure_digests() -> dict[str, dict[str, str]]:
+    """Digests of every committed figure and of what it has to be drawn from, by its name."""
+    return {path.name: _digests(path) for path in sorted(FIGURES.glob("*.png"))}
+
+
+def _digests(figure: Path) -> dict[str, str]:
+    """PNG files differ between versions of libraries: to draw and compare them would not do."""
+    sources = [RESULTS / "uavs.json"]
+    if figure.name.startswith("reference"):
+        sources = [REFERENCE / key / "episodes.csv" for key in COMMANDS]
+    drawn_from = hashlib.sha256(b"".join(path.read_bytes() for path in sources))
+    return {
+        "figure": hashlib.sha256(figure.read_bytes()).hexdigest(),
+        "sources": drawn_from.hexdigest(),
+    }
 
 
 def draw_training(path: Path) -> None:
@@ -264,6 +309,8 @@ BLOCKS = {
     "planner budget": (ROOT / "docs" / "methods.md", planner_block),
     "methods table": (ROOT / "docs" / "evaluation.md", methods_block),
     "uav study": (ROOT / "docs" / "evaluation.md", uav_block),
+    "uav study at 60 MHz": (ROOT / "docs" / "evaluation.md", shared_bandwidth_block),
+    "restarts study": (ROOT / "docs" / "evaluation.md", restarts_block),
     "mobility study": (ROOT / "docs" / "evaluation.md", mobility_block),
     "evaluation": (ROOT / "README.md", readme_block),
 }

@@ -5,7 +5,11 @@ from numba import njit
 
 from orchid_uav.envs.arrays import Constants, Floats, Worlds
 from orchid_uav.envs.association import link_power_w
-from orchid_uav.envs.channel import signal_to_noise_ratio, spectral_efficiency
+from orchid_uav.envs.channel import (
+    LOSS_ALLOWS_PRUNING,
+    signal_to_noise_ratio,
+    spectral_efficiency,
+)
 from orchid_uav.envs.compilation import SOURCES, compiled
 from orchid_uav.envs.metrics import (
     COVERAGE,
@@ -168,6 +172,13 @@ def _count_blocking_pairs(constants: Constants, worlds: Worlds, world: int) -> i
             inverse_sums[uav] += 1.0 / efficiencies[user]
             square_sums[uav] += efficiencies[user] ** 2
             means[uav] += worlds.rates_bps[world, user] / constants.bandwidth_hz
+    # A user farther from a UAV than one of its own that is not above its cell's mean is not either.
+    reaches_m2 = np.full(uavs, np.inf)
+    for user in range(len(association)):
+        uav = association[user]
+        if uav >= 0 and efficiencies[user] <= means[uav] and LOSS_ALLOWS_PRUNING:
+            distance_m2 = _ground_distance_squared_m2(worlds, world, uav, user)
+            reaches_m2[uav] = min(reaches_m2[uav], distance_m2)
     pairs = 0
     for user in range(len(association)):
         own = association[user]
@@ -183,7 +194,11 @@ def _count_blocking_pairs(constants: Constants, worlds: Worlds, world: int) -> i
         for uav in range(uavs):
             # Its own UAV is received best: a change that would not pay over as good a link does not
             # pay, and most links need not be computed. A cell gains by whoever is above its mean.
-            if crowding[uav] + added < crowding[own] and efficiency > means[uav]:
+            if (
+                crowding[uav] + added < crowding[own]
+                and efficiency > means[uav]
+                and _ground_distance_squared_m2(worlds, world, uav, user) < reaches_m2[uav]
+            ):
                 link = _link_efficiency(constants, worlds, world, uav, user)
                 pairs += link > means[uav] and _both_gain(
                     constants,
@@ -227,15 +242,20 @@ def _link_efficiency(
     constants: Constants, worlds: Worlds, world: int, uav: int, user: int
 ) -> float:
     """Spectral efficiency of a link in bit/s/Hz, 0 where it is below the required SNR."""
-    position_m = worlds.positions_m[world, uav]
-    dx = worlds.users_m[world, 0, user] - position_m[0]
-    dy = worlds.users_m[world, 1, user] - position_m[1]
+    altitude_m = worlds.positions_m[world, uav, 2]
     power_w = link_power_w(
         worlds.transmit_powers_w[world, uav],
-        dx * dx + dy * dy + position_m[2] * position_m[2],
-        position_m[2],
+        _ground_distance_squared_m2(worlds, world, uav, user) + altitude_m * altitude_m,
+        altitude_m,
         constants.link,
         constants.access_gain_db,
     )
     snr = signal_to_noise_ratio(power_w, constants.access_noise_power_w)
     return spectral_efficiency(snr) if snr >= constants.required_snr else 0.0
+
+
+@njit(error_model="numpy")
+def _ground_distance_squared_m2(worlds: Worlds, world: int, uav: int, user: int) -> float:
+    dx = worlds.users_m[world, 0, user] - worlds.positions_m[world, uav, 0]
+    dy = worlds.users_m[world, 1, user] - worlds.positions_m[world, uav, 1]
+    return dx * dx + dy * dy

@@ -31,7 +31,7 @@ def describe_host() -> dict[str, Any]:
     """The machine."""
     return {
         "name": platform.node(),
-        "system": platform.platform(),
+        "system": f"{platform.system()} {platform.machine()}",
         "processor": _processor_name(),
         "cores": os.cpu_count(),
     }
@@ -54,7 +54,9 @@ def git_commit() -> str | None:
     if not top or not (Path(top) / "envs" / "dynamics.py").is_file():
         return None
     commit = _git(source, "rev-parse", "HEAD")
-    if commit and _git(source, "status", "--porcelain"):
+    # What runs and benchmarks write does not change what they measure.
+    results = (":(top)", ":(top,exclude)runs", ":(top,exclude)benchmarks/results")
+    if commit and _git(source, "status", "--porcelain", "--", *results):
         commit += "+changes"
     return commit or None
 

@@ -1,12 +1,14 @@
 """The documentation says what the code and the committed results say."""
 
 import ast
+import json
 import re
 from pathlib import Path
 
 import pytest
 
 from docs.generate import configuration_page, pages
+from docs.studies import FIGURE_SOURCES, figure_digests
 from orchid_uav.experiments.configuration import configuration_keys
 
 ROOT = Path(__file__).parent.parent
@@ -16,6 +18,17 @@ PROSE = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")])
 @pytest.mark.parametrize("path", pages(), ids=lambda path: path.name)
 def test_generated_pages_are_current(path):
     assert path.read_text() == pages()[path], "run: make docs-data"
+
+
+def test_figures_were_drawn_from_what_is_committed():
+    recorded = json.loads(FIGURE_SOURCES.read_text())
+    assert recorded == figure_digests(), "run: make docs-data"
+    shown = {
+        target
+        for path in PROSE
+        for target in re.findall(r"!\[[^]]*\]\((?:docs/)?figures/([^)]+)\)", path.read_text())
+    }
+    assert shown <= set(recorded)
 
 
 def test_every_key_is_described():
