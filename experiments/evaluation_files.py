@@ -20,7 +20,10 @@ from orchid_uav.experiments.evaluation import (
     FLOOR,
     Flown,
     Plan,
+    Progress,
     describe,
+    evaluate,
+    interruptible,
     summarise_flights,
 )
 from orchid_uav.experiments.files import write_atomically, write_json
@@ -168,6 +171,55 @@ def _header(settings: Mapping[str, Any], command: list[str], status: str) -> dic
         "host": host,
         "settings": dict(settings),
     }
+
+
+def run_evaluation(
+    plan: Plan,
+    settings: Mapping[str, Any],
+    directory: Path,
+    command: list[str],
+    flown: Flown,
+    progress: Progress,
+    with_figures: bool = True,
+) -> dict[str, Any]:
+    """Fly a plan and fill the directory; the summary's status says whether all of it was flown.
+
+    Args:
+        plan: what to fly.
+        settings: of :func:`describe_plan`.
+        directory: reserved for it.
+        command: how it was called.
+        flown: flights of before.
+        progress: shows it.
+        with_figures: draw them.
+
+    Raises:
+        RunFailedError: the directory cannot be written.
+    """
+    document = summary_document(plan, {}, settings, command, is_complete=False)
+    with interruptible():
+        try:
+            flown, is_complete = evaluate(
+                plan,
+                progress,
+                flown,
+                lambda done: save_flights(directory, plan, done, settings, command),
+            )
+            if flown:
+                document = summary_document(plan, flown, settings, command, is_complete)
+                write_evaluation(directory, document, with_figures)
+        except KeyboardInterrupt:
+            document["status"] = "interrupted"
+        finally:
+            _remove_if_empty(directory)
+    return document
+
+
+def _remove_if_empty(directory: Path) -> None:
+    """And the folder of the default directories with it."""
+    for one in (directory, *([directory.parent] if directory.parent == DEFAULT_PARENT else [])):
+        if one.is_dir() and not any(one.iterdir()):
+            one.rmdir()
 
 
 def save_flights(

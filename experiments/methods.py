@@ -167,6 +167,21 @@ def known_methods() -> list[str]:
     return [*learned, *rules()]
 
 
+def ideas() -> dict[str, str]:
+    """What every method is, by its key."""
+    catalogue = rules()
+    return {
+        key: catalogue[key].idea
+        if key in catalogue
+        else _idea_of(key.removesuffix(ZERO), RELEASED[key.removesuffix(ZERO)], key.endswith(ZERO))
+        for key in known_methods()
+    }
+
+
+def _idea_of(name: str, idea: str, is_zero: bool) -> str:
+    return f"{name} with its actions forced to zero" if is_zero else idea
+
+
 def select(
     methods: Sequence[str],
     runs: Iterable[Path] = (),
@@ -232,7 +247,7 @@ def _rows_of(policy: Policy, name: str, idea: str, stochastic: bool, is_zero: bo
     return [
         Entry(
             name + ZERO if is_zero else name,
-            f"{name} with its actions forced to zero" if is_zero else idea,
+            _idea_of(name, idea, is_zero),
             overrides,
             make(is_sampled),
             policy,

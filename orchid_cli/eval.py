@@ -19,6 +19,7 @@ from orchid_uav.cli.console import (
     console,
     failing_well,
     print_line,
+    print_table,
     stdout_for_json_alone,
 )
 from orchid_uav.experiments.configuration import (
@@ -70,6 +71,9 @@ def evaluate(
     stochastic: Annotated[
         bool, _option(_METHODS, "Fly learned policies with sampled actions as well.")
     ] = False,
+    list_methods: Annotated[
+        bool, _option(_METHODS, "List all methods, and do nothing else.", "--list")
+    ] = False,
     planner_evaluations: Annotated[
         int, _option(_METHODS, "Plans that the planner judges per topology.", min=31)
     ] = 3000,
@@ -120,16 +124,18 @@ def evaluate(
     Example: orchid eval --uavs 4..10 --methods orchid,orchid-zero,static-mmf,loiter-mmf
     """
     with failing_well(debug):
-        from orchid_uav.experiments.evaluation import evaluate as fly
-        from orchid_uav.experiments.evaluation import interruptible
+        if list_methods:
+            from orchid_uav.experiments.methods import ideas
+
+            rows = [[key, idea] for key, idea in ideas().items()]
+            print_table(console(), ["method", "what it is"], rows)
+            return
         from orchid_uav.experiments.evaluation_files import (
             describe_plan,
             make_default_directory,
             read_interrupted,
             reserve_directory,
-            save_flights,
-            summary_document,
-            write_evaluation,
+            run_evaluation,
         )
         from orchid_uav.experiments.files import expanded
         from orchid_uav.experiments.methods import find_run, select
@@ -143,43 +149,27 @@ def evaluate(
         plan = _plan(entries, settings, episodes, seed, world)
         description = describe_plan(plan, planner_evaluations)
         flown = {} if out is None else read_interrupted(expanded(out), plan, description)
+        shown = console(stderr=as_json)
+        _announce(shown, plan, world, flown)
         directory = make_default_directory() if out is None else expanded(out)
         reserve_directory(directory)
-
-        shown = console(stderr=as_json)
         command = ["orchid", *context.obj]
-        document: dict[str, Any] = {"results": []}
-        is_complete = False
-        with stdout_for_json_alone(as_json), interruptible():
-            try:
-                _announce(shown, plan, world, flown)
-                flown, is_complete = fly(
-                    plan,
-                    _progress(shown, quiet),
-                    flown,
-                    lambda done: save_flights(directory, plan, done, description, command),
-                )
-                if flown:
-                    if not quiet:
-                        print_line(shown, "summarising" + (" and drawing ..." if figures else ""))
-                    document = summary_document(plan, flown, description, command, is_complete)
-                    write_evaluation(directory, document, figures)
-            except KeyboardInterrupt:
-                is_complete = False
-            finally:
-                _remove_if_empty(directory)
+        with stdout_for_json_alone(as_json):
+            progress = _progress(shown, quiet)
+            document = run_evaluation(
+                plan, description, directory, command, flown, progress, figures
+            )
         if as_json:
             print(json.dumps(document, allow_nan=False))
         elif document["results"]:
             from orchid_uav.cli.evaluation_tables import print_tables
 
             print_tables(shown, document["results"], shown_metrics)
-        if is_complete:
-            print_line(shown, f"completed: {directory}")
-        else:
+        if document["status"] == "interrupted":
             again = shlex.join([*command, *([] if out else ["--out", str(directory)])])
             print_line(console(stderr=True), f"interrupted; this goes on: {again}")
             raise typer.Exit(INTERRUPTED)
+        print_line(shown, f"completed: {directory}")
 
 
 def _settings(
@@ -312,12 +302,3 @@ def _progress(out: Console, quiet: bool) -> Any:
         return SilentProgress()
     has_cursor = out.is_terminal and not out.is_dumb_terminal
     return LiveProgress(out) if has_cursor else LineProgress(out)
-
-
-def _remove_if_empty(directory: Path) -> None:
-    """And the folder of the default directories with it."""
-    from orchid_uav.experiments.evaluation_files import DEFAULT_PARENT
-
-    for one in (directory, *([directory.parent] if directory.parent == DEFAULT_PARENT else [])):
-        if one.is_dir() and not any(one.iterdir()):
-            one.rmdir()

@@ -16,6 +16,7 @@ from orchid_uav.experiments.evaluation import Flight
 
 _SECONDS_BETWEEN_LINES = 5.0
 _LEAST_SHARE = 0.02
+_NEXT = "summarising ..."
 
 
 def _describe(flight: Flight) -> str:
@@ -72,13 +73,15 @@ class LineProgress:
             )
 
     def end(self) -> None:
-        """Nothing more to say."""
+        """Say what follows."""
+        print_line(self._out, _NEXT)
 
 
 class LiveProgress:
     """A progress bar, for terminals."""
 
     def __init__(self, out: Console) -> None:
+        self._out = out
         self._progress = Progress(
             BarColumn(bar_width=None),
             TextColumn("{task.percentage:.0f} %"),
@@ -105,5 +108,6 @@ class LiveProgress:
         self._progress.update(self._task, advance=cost)
 
     def end(self) -> None:
-        """Close the display."""
+        """Close the display, and say what follows."""
         self._progress.stop()
+        print_line(self._out, _NEXT)

@@ -17,7 +17,7 @@ from orchid_uav.envs import EPISODE_METRICS, Parameters, WorldBatch, evaluation_
 from orchid_uav.experiments import evaluation, evaluation_files
 from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.evaluation import Plan, Setting, evaluate, summarise_flights
-from orchid_uav.experiments.methods import find_run, read_run, rules, select
+from orchid_uav.experiments.methods import find_run, known_methods, read_run, rules, select
 from orchid_uav.experiments.metrics import EPISODE_FIGURES, HEADROOM, METRICS
 from tests.running import ESCAPE, TINY_FLAGS, assert_is_an_error
 
@@ -273,6 +273,14 @@ def test_says_where_a_run_was_trained_in_another_world(evaluate_tiny, trained):
     assert "trained in another world: uav.max_speed_mps" in finished.err
 
 
+def test_lists_all_methods(evaluate_tiny, tmp_path):
+    finished = evaluate_tiny("--list")
+    listed = dict(line.split("\t") for line in finished.out.splitlines()[1:])
+    assert set(listed) == set(known_methods())
+    assert listed["orchid-zero"] == "orchid with its actions forced to zero"
+    assert list((tmp_path / "work").iterdir()) == []
+
+
 # Bad input
 
 
@@ -428,7 +436,11 @@ def test_an_interrupted_evaluation_goes_on_to_the_same_result(
 def test_what_was_flown_is_kept_whatever_happens_afterwards(
     evaluate_tiny, tmp_path, monkeypatch, stage
 ):
-    def interrupted(*arguments):
+    original = getattr(evaluation_files, stage)
+
+    def interrupted(*arguments, **keywords):
+        if keywords:  # of nothing flown yet
+            return original(*arguments, **keywords)
         raise KeyboardInterrupt
 
     arguments = ("--methods=static-pf,loiter-mmf", "--out=out", "--no-figures")
