@@ -21,7 +21,6 @@ from threadpoolctl import threadpool_limits
 from benchmarks.measuring import alternate, arguments, ratio, record, report
 from orchid_uav.agents import MAPPO, LocalActor
 from orchid_uav.agents.method import Method
-from orchid_uav.cli.evaluation_display import SilentProgress
 from orchid_uav.envs import evaluation_seeds, make_supersuit_vec_env, parallel_env
 from orchid_uav.envs.diagnostics import Diagnostics
 from orchid_uav.envs.parameters import Parameters
@@ -45,7 +44,7 @@ def batched_s(methods: Sequence[str]) -> float:
     """Seconds per episode of ``orchid eval``."""
     study = plan(methods)
     began_s = time.perf_counter()
-    evaluate(study, SilentProgress())
+    evaluate(study)
     flights = len(study.settings) * len(study.entries) * EPISODES
     return (time.perf_counter() - began_s) / flights
 

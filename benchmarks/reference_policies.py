@@ -17,7 +17,6 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from orchid_uav.agents.actor import DESCRIPTION_FILE, WEIGHTS_FILE
-from orchid_uav.cli.evaluation_display import SilentProgress
 from orchid_uav.envs import Parameters
 from orchid_uav.experiments.evaluation import Plan, Setting, evaluate
 from orchid_uav.experiments.files import write_json
@@ -61,7 +60,7 @@ def fly(key: str) -> dict[str, list[float]]:
     """Every figure of a released policy on the first held-out topologies."""
     setting = Setting("tcp", 6, 100, 0.0, 1.0)
     plan = Plan(select([key]), [setting], TOPOLOGIES, seed=0, world=Parameters())
-    flown, _ = evaluate(plan, SilentProgress())
+    flown, _ = evaluate(plan)
     (figures,) = flown.values()
     return {name: values.tolist() for name, values in figures.items()}
 

@@ -15,7 +15,6 @@ import numpy as np
 
 from benchmarks.measuring import record
 from orchid_uav.cli.display import SilentReporter
-from orchid_uav.cli.evaluation_display import SilentProgress
 from orchid_uav.envs import Parameters
 from orchid_uav.experiments.configuration import Layer, RunConfig, merge
 from orchid_uav.experiments.evaluation import Plan, Setting, evaluate
@@ -68,7 +67,7 @@ def configure(algorithm: str, values: dict[str, Any], episodes: int) -> RunConfi
 def score(entry: Entry) -> dict[str, float]:
     """Mean utility and a few figures over the tuning topologies."""
     plan = Plan([entry], [Setting("tcp", 6, 100, 0.0, 1.0)], TOPOLOGIES, SEED, Parameters())
-    (figures,) = evaluate(plan, SilentProgress())[0].values()
+    (figures,) = evaluate(plan)[0].values()
     names = ("utility", "energy_efficiency_bit_per_joule", "load_jfi", "rate_jfi", "coverage")
     return {name: float(f"{np.mean(figures[name]):.6g}") for name in names}
 

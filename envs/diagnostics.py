@@ -200,7 +200,7 @@ def _count_blocking_pairs(constants: Constants, worlds: Worlds, world: int) -> i
                 and _ground_distance_squared_m2(worlds, world, uav, user) < reaches_m2[uav]
             ):
                 link = _link_efficiency(constants, worlds, world, uav, user)
-                pairs += link > means[uav] and _both_gain(
+                pairs += link > 0.0 and _both_gain(
                     constants,
                     link,
                     (loads[uav], sums[uav], inverse_sums[uav], square_sums[uav]),

@@ -114,13 +114,29 @@ class Progress(Protocol):
         """No flight goes on."""
 
 
+class SilentProgress:
+    """Shows nothing."""
+
+    def begin(self, total_cost: float) -> None:
+        """Nothing."""
+
+    def start(self, flight: Flight) -> None:
+        """Nothing."""
+
+    def advance(self, cost: float) -> None:
+        """Nothing."""
+
+    def end(self) -> None:
+        """Nothing."""
+
+
 Flown = dict[tuple[Any, ...], Figures]
 """Figures by :attr:`Flight.key`."""
 
 
 def evaluate(
     plan: Plan,
-    progress: Progress,
+    progress: Progress | None = None,
     flown: Flown | None = None,
     save: Callable[[Flown], None] = lambda flown: None,
 ) -> tuple[Flown, bool]:
@@ -128,7 +144,7 @@ def evaluate(
 
     Args:
         plan: what to fly.
-        progress: shows it.
+        progress: shows it; nothing by default.
         flown: flights of an interrupted evaluation of the same plan, which are not flown again.
         save: called with all flights so far after every setting, and however the flying ends.
 
@@ -136,6 +152,7 @@ def evaluate(
         The figures by flight, and whether all flights were flown: ctrl-C and SIGTERM end the
         evaluation and lose the flight that was going on.
     """
+    progress = progress or SilentProgress()
     done: Flown = dict(flown or {})
     waiting = [flight for flight in plan.flights() if flight.key not in done]
     progress.begin(sum(_cost(flight) for flight in waiting))

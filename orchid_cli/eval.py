@@ -296,7 +296,8 @@ def _announce(out: Console, plan: "Plan", world: "RunConfig", flown: dict[Any, A
 
 
 def _progress(out: Console, quiet: bool) -> Any:
-    from orchid_uav.cli.evaluation_display import LineProgress, LiveProgress, SilentProgress
+    from orchid_uav.cli.evaluation_display import LineProgress, LiveProgress
+    from orchid_uav.experiments.evaluation import SilentProgress
 
     if quiet:
         return SilentProgress()

@@ -27,22 +27,6 @@ def _describe(flight: Flight) -> str:
     )
 
 
-class SilentProgress:
-    """Shows nothing."""
-
-    def begin(self, total_cost: float) -> None:
-        """Nothing."""
-
-    def start(self, flight: Flight) -> None:
-        """Nothing."""
-
-    def advance(self, cost: float) -> None:
-        """Nothing."""
-
-    def end(self) -> None:
-        """Nothing."""
-
-
 class LineProgress:
     """A line every few seconds, for logs."""
 

@@ -54,7 +54,8 @@ def test_python_examples_parse(path):
         ast.parse(block)
 
 
-def test_the_examples_of_the_environment_page_run():
-    text = (ROOT / "docs" / "environment.md").read_text()
+@pytest.mark.parametrize("page", ["environment.md", "methods.md"])
+def test_the_first_example_of_a_page_runs(page):
+    text = (ROOT / "docs" / page).read_text()
     block = re.search(r"```python\n(.*?)```", text, flags=re.DOTALL)
-    exec(compile(block.group(1), "environment.md", "exec"), {})
+    exec(compile(block.group(1), page, "exec"), {})

@@ -12,7 +12,7 @@ import pytest
 from orchid_uav.agents import load_policy
 from orchid_uav.agents.heuristics import Hover, Loiter
 from orchid_uav.agents.learned import Learned
-from orchid_uav.cli.evaluation_display import LineProgress, SilentProgress
+from orchid_uav.cli.evaluation_display import LineProgress
 from orchid_uav.envs import EPISODE_METRICS, Parameters, WorldBatch, evaluation_seeds
 from orchid_uav.experiments import evaluation, evaluation_files
 from orchid_uav.experiments.errors import InputError
@@ -69,7 +69,7 @@ def tiny_plan(entries, settings=ONE_SETTING, episodes=4, **overrides):
 
 
 def fly(plan, **keywords):
-    flown, is_complete = evaluate(plan, SilentProgress(), **keywords)
+    flown, is_complete = evaluate(plan, **keywords)
     assert is_complete
     return flown
 
