@@ -232,8 +232,10 @@ def readme_block() -> str:
             "![Rate fairness over the number of UAVs](docs/figures/uavs_rate_jfi.png)",
             "6 UAVs, 100 users, 100 unseen topologies; mean ± standard deviation over topologies:",
             metrics_table(results, README_METRICS),
-            "One training seed each, deterministic policies; all methods and metrics, and how they "
-            "were measured: [evaluation](docs/evaluation.md).\n" + source("methods", document),
+            "Share of the headroom: 0 is `loiter-mmf`, 100 the planner, and below 0 is worse than "
+            "circling.\nOne training seed each, deterministic policies; all methods and metrics, "
+            "and how they were measured: [evaluation](docs/evaluation.md).\n"
+            + source("methods", document),
         ]
     )
 

@@ -45,11 +45,11 @@ SETTING_KEYS = {
 class Setting(NamedTuple):
     """The world of some flights."""
 
-    distribution: Literal["tcp", "uniform"]
-    uavs: int
-    users: int
-    speed_mps: float
-    heading_hold_s: float
+    distribution: Literal["tcp", "uniform"] = "tcp"
+    uavs: int = 6
+    users: int = 100
+    speed_mps: float = 0.0
+    heading_hold_s: float = 1.0
 
     def apply(self, world: Parameters) -> Parameters:
         """The parameters of this setting.

@@ -93,7 +93,7 @@ def read_interrupted(directory: Path, plan: Plan, settings: Mapping[str, Any]) -
         status, known = summary["status"], summary["settings"]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(
-            f"--out {directory} can be no directory of results, or holds something else: {error}"
+            f"--out {directory} holds no results of orchid eval, and is left alone: {error}"
         ) from error
     if status != "interrupted":
         raise InputError(f"--out {directory} holds a complete evaluation: choose another directory")

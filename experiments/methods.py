@@ -79,7 +79,7 @@ class Entry:
 
 RELEASED = {
     "orchid": "MAPPO and Reset-and-Finetune: the paper's proposal",
-    "orchid-no-rf": "the same without Reset-and-Finetune",
+    "orchid-no-rf": "MAPPO without Reset-and-Finetune",
     "orchid-pf": "proportional fairness in reward and shares, repeated resets",
     "orchid-random-init": "trained and flown from random starts",
     "maddpg-pf": "Baseline 1: MADDPG, proportional fairness",
@@ -108,7 +108,7 @@ def rules(planner_evaluations: int = EVALUATIONS) -> dict[str, Entry]:
     planning = 3.0 * planner_evaluations / 30.0
     entries = [
         Entry("static-pf", "Baseline 3: hover at the K-Means centroids", _PF, lambda _: Hover()),
-        Entry("static-mmf", "the same with max-min shares", _MMF, lambda _: Hover()),
+        Entry("static-mmf", "hover at the centroids, max-min shares", _MMF, lambda _: Hover()),
         Entry(
             "static-pf-full-power", "static-pf at full power", _PF, lambda _: Hover(full_power=True)
         ),
@@ -118,8 +118,8 @@ def rules(planner_evaluations: int = EVALUATIONS) -> dict[str, Entry]:
             _MMF,
             lambda _: Hover(full_power=True),
         ),
-        Entry("loiter-pf", "circle the centroids instead", _PF, lambda _: Loiter()),
-        Entry("loiter-mmf", "circle the centroids instead", _MMF, lambda _: Loiter()),
+        Entry("loiter-pf", "circle the centroids, equal shares", _PF, lambda _: Loiter()),
+        Entry("loiter-mmf", "circle the centroids, max-min shares", _MMF, lambda _: Loiter()),
         Entry(
             "balanced-loiter",
             "circle the most balanced of 31 K-Means results",
@@ -143,7 +143,7 @@ def rules(planner_evaluations: int = EVALUATIONS) -> dict[str, Entry]:
         ),
         Entry(
             "balanced-loiter-retargeted",
-            "balanced-loiter that also chooses whom to serve",
+            "balanced-loiter that also chooses whom to serve; not in all",
             _MMF,
             lambda _: BalancedLoiter(keeps_targets=False),
             is_comparable=False,
@@ -151,7 +151,7 @@ def rules(planner_evaluations: int = EVALUATIONS) -> dict[str, Entry]:
         ),
         Entry(
             "planner-retargeted",
-            "planner that also chooses whom to serve",
+            "planner that also chooses whom to serve; not in all",
             _MMF,
             lambda _: Planner(planner_evaluations, keeps_targets=False),
             is_comparable=False,

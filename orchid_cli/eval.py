@@ -150,7 +150,9 @@ def evaluate(
         description = describe_plan(plan, planner_evaluations)
         flown = {} if out is None else read_interrupted(expanded(out), plan, description)
         shown = console(stderr=as_json)
-        _announce(shown, plan, world, flown)
+        _tell_differences(plan, world)
+        if not quiet:
+            _announce(shown, plan, flown)
         directory = make_default_directory() if out is None else expanded(out)
         reserve_directory(directory)
         command = ["orchid", *context.obj]
@@ -262,9 +264,7 @@ def _metrics(text: str) -> list[str]:
     return names
 
 
-def _announce(out: Console, plan: "Plan", world: "RunConfig", flown: dict[Any, Any]) -> None:
-    from orchid_uav.experiments.evaluation import world_differences
-
+def _announce(out: Console, plan: "Plan", flown: dict[Any, Any]) -> None:
     def listed(values: list[Any], unit: str = "") -> str:
         return ", ".join(f"{value:g}" for value in dict.fromkeys(values)) + unit
 
@@ -281,6 +281,12 @@ def _announce(out: Console, plan: "Plan", world: "RunConfig", flown: dict[Any, A
     product = " x ".join(f"{count:,} {what}{'' if count == 1 else 's'}" for count, what in counts)
     before = f", {len(flown)} batches of them flown before" if flown else ""
     print_line(out, f"{product} x {plan.episodes:,} topologies = {total:,} flights{before}")
+
+
+def _tell_differences(plan: "Plan", world: "RunConfig") -> None:
+    """Notes on runs that were interrupted, or trained in another world."""
+    from orchid_uav.experiments.evaluation import world_differences
+
     told: set[str] = set()
     for entry in plan.entries:
         if entry.policy is not None and entry.policy.run not in told:
