@@ -8,6 +8,7 @@ from gymnasium import spaces
 from stable_baselines3.common.type_aliases import PyTorchObs, Schedule
 
 from orchid_uav.agents.networks import (
+    ADAM,
     HIDDEN_SIZES,
     LAST_ACTOR_GAIN,
     LAST_CRITIC_GAIN,
@@ -51,7 +52,7 @@ class JointCriticPolicy(LocalActorPolicy):
         super().__init__(
             observation_space,
             action_space,
-            optimizer_kwargs=optimizer_kwargs or {"eps": 1e-5, "fused": True},
+            optimizer_kwargs=optimizer_kwargs or ADAM,
             squash_output=True,
             **kwargs,
         )
@@ -67,13 +68,8 @@ class JointCriticPolicy(LocalActorPolicy):
         self.actor_target, self.critic_target = perceptron(*actor_sizes), perceptron(*critic_sizes)
         self.actor_target.load_state_dict(self.actor.state_dict())
         self.critic_target.load_state_dict(self.critic.state_dict())
-        self.optimizer = self.optimizer_class(
-            [
-                {"params": list(self.actor.parameters()), "name": "actor"},
-                {"params": list(self.critic.parameters()), "name": "critic"},
-            ],
-            lr=lr_schedule(1),  # type: ignore[call-arg]
-            **self.optimizer_kwargs,
+        self.optimizer = self.make_optimizer(
+            self.actor.parameters(), self.critic.parameters(), lr_schedule
         )
 
     def joint_value(self, state: torch.Tensor, actions: torch.Tensor) -> torch.Tensor:

@@ -1,7 +1,7 @@
 """What every learner's policy has in common: the local actor, and how networks begin."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import cached_property, partial
 from typing import Any
 
@@ -10,11 +10,14 @@ import torch
 from gymnasium import spaces
 from numpy.typing import NDArray
 from stable_baselines3.common.policies import BasePolicy
+from stable_baselines3.common.type_aliases import Schedule
 from torch import nn
 
 HIDDEN_SIZES = (256, 256, 256)
 """Hidden layers of actor and critic (Section VI-A)."""
 
+ADAM = {"eps": 1e-5, "fused": True}
+"""Arguments of Adam for both networks (M31)."""
 LAST_ACTOR_GAIN, LAST_CRITIC_GAIN = 0.01, 1.0
 
 
@@ -55,6 +58,19 @@ class LocalActorPolicy(BasePolicy):
 
     actor: nn.Sequential
     action_space: spaces.Box
+
+    def make_optimizer(
+        self,
+        actor: Iterable[nn.Parameter],
+        critic: Iterable[nn.Parameter],
+        lr_schedule: Schedule,
+    ) -> torch.optim.Optimizer:
+        """One optimizer with the groups "actor" and "critic", which have rates of their own."""
+        return self.optimizer_class(
+            [{"params": list(actor), "name": "actor"}, {"params": list(critic), "name": "critic"}],
+            lr=lr_schedule(1),  # type: ignore[call-arg]
+            **self.optimizer_kwargs,
+        )
 
     def action_mean(self, observation: torch.Tensor) -> torch.Tensor:
         """Deterministic action (rows, A) in [-1, 1] for local observations (rows, O)."""

@@ -11,6 +11,7 @@ from stable_baselines3.common.type_aliases import Schedule
 from torch import nn
 
 from orchid_uav.agents.networks import (
+    ADAM,
     HIDDEN_SIZES,
     LAST_ACTOR_GAIN,
     LAST_CRITIC_GAIN,
@@ -67,7 +68,7 @@ class CentralizedCriticPolicy(LocalActorPolicy, ActorCriticPolicy):
             net_arch=list(net_arch),
             ortho_init=ortho_init,
             log_std_init=log_std_init,
-            optimizer_kwargs=optimizer_kwargs or {"eps": 1e-5, "fused": True},
+            optimizer_kwargs=optimizer_kwargs or ADAM,
             **{**kwargs, "activation_fn": nn.ReLU},  # a saved policy comes with its own
         )
         self._squash_output = True  # has SB3's predict() call unscale_action
@@ -83,13 +84,8 @@ class CentralizedCriticPolicy(LocalActorPolicy, ActorCriticPolicy):
         if self.ortho_init:
             initialise_orthogonally(self.actor, LAST_ACTOR_GAIN)
             initialise_orthogonally(self.critic, LAST_CRITIC_GAIN)
-        self.optimizer = self.optimizer_class(
-            [
-                {"params": self.actor_parameters(), "name": "actor"},
-                {"params": self.critic_parameters(), "name": "critic"},
-            ],
-            lr=lr_schedule(1),  # type: ignore[call-arg]
-            **self.optimizer_kwargs,
+        self.optimizer = self.make_optimizer(
+            self.actor_parameters(), self.critic_parameters(), lr_schedule
         )
 
     def actor_parameters(self) -> list[nn.Parameter]:

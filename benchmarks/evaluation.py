@@ -36,7 +36,7 @@ POLICY = "orchid"
 
 def plan(methods: Sequence[str]) -> Plan:
     """The UAV study of some methods."""
-    settings = [Setting("tcp", uavs, 100, 0.0, 1.0) for uavs in UAVS]
+    settings = [Setting(uavs=uavs) for uavs in UAVS]
     return Plan(select(methods), settings, EPISODES, seed=0, world=Parameters())
 
 

@@ -58,7 +58,7 @@ def release(run: Path, key: str) -> None:
 
 def fly(key: str) -> dict[str, list[float]]:
     """Every figure of a released policy on the first held-out topologies."""
-    setting = Setting("tcp", 6, 100, 0.0, 1.0)
+    setting = Setting()
     plan = Plan(select([key]), [setting], TOPOLOGIES, seed=0, world=Parameters())
     flown, _ = evaluate(plan)
     (figures,) = flown.values()

@@ -66,7 +66,7 @@ def configure(algorithm: str, values: dict[str, Any], episodes: int) -> RunConfi
 
 def score(entry: Entry) -> dict[str, float]:
     """Mean utility and a few figures over the tuning topologies."""
-    plan = Plan([entry], [Setting("tcp", 6, 100, 0.0, 1.0)], TOPOLOGIES, SEED, Parameters())
+    plan = Plan([entry], [Setting()], TOPOLOGIES, SEED, Parameters())
     (figures,) = evaluate(plan)[0].values()
     names = ("utility", "energy_efficiency_bit_per_joule", "load_jfi", "rate_jfi", "coverage")
     return {name: float(f"{np.mean(figures[name]):.6g}") for name in names}

@@ -1,5 +1,8 @@
 """Errors that a user can mend, told in one or two lines."""
 
+import difflib
+from collections.abc import Iterable
+
 
 class InputError(Exception):
     """Wrong usage or input: what is wrong, with the offending value, and what would be right."""
@@ -7,3 +10,11 @@ class InputError(Exception):
 
 class RunFailedError(Exception):
     """A run that had begun could not go on."""
+
+
+def unknown(kind: str, name: str, known: Iterable[str], cutoff: float) -> str:
+    """A message that names the nearest of what is known, or all of it where nothing is near."""
+    names = list(known)
+    near = difflib.get_close_matches(name, names, n=1, cutoff=cutoff)
+    hint = f"did you mean '{near[0]}'?" if near else f"known are {', '.join(names)}"
+    return f"unknown {kind} '{name}': {hint}"

@@ -161,16 +161,17 @@ def evaluate(
         with threadpool_limits(1):
             for setting, flights in itertools.groupby(waiting, lambda flight: flight.setting):
                 topologies = _Topologies(plan, setting)
-                for flight in flights:
-                    done[flight.key] = _fly(plan, flight, topologies, progress)
-                save(done)
+                try:
+                    for flight in flights:
+                        done[flight.key] = _fly(plan, flight, topologies, progress)
+                finally:
+                    if done:
+                        save(done)
     except KeyboardInterrupt:
         return done, False
     except MemoryError as error:
         raise RunFailedError(f"not enough memory: {error}") from error
     finally:
-        if done:
-            save(done)
         progress.end()
     return done, True
 

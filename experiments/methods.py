@@ -18,7 +18,7 @@ from orchid_uav.agents.planner import EVALUATIONS, Planner
 from orchid_uav.envs.arrays import ACTION_SIZE, OBSERVATION_SIZE
 from orchid_uav.envs.parameters import describe_error
 from orchid_uav.experiments.configuration import RunConfig, flatten
-from orchid_uav.experiments.errors import InputError
+from orchid_uav.experiments.errors import InputError, unknown
 from orchid_uav.experiments.files import expanded
 
 ALL, RULES, LEARNED = "all", "rules", "learned"
@@ -70,11 +70,6 @@ class Entry:
     """False if it serves other users than the others do."""
     cost: float = 1.0
     """Rough duration of a flight, that of hovering being 1, to tell the time left."""
-
-    @property
-    def label(self) -> str:
-        """The key, and whether actions are sampled."""
-        return self.key if self.deterministic else f"{self.key}, sampled"
 
 
 RELEASED = {
@@ -207,7 +202,7 @@ def select(
     wanted: set[str] = set()
     for key in methods:
         if key not in {*groups, *known}:
-            raise InputError(_unknown(key, [*groups, *known]))
+            raise InputError(unknown("method", key, [*groups, *known], cutoff=0.4))
         wanted.update(groups.get(key, [key]))
     entries: list[Entry] = []
     for key in known:
@@ -324,9 +319,3 @@ def find_run(name: str, runs_dir: Path) -> Path:
     near = difflib.get_close_matches(name, ids, n=1, cutoff=0.3)
     hint = f"; did you mean '{near[0]}'?" if near else ""
     raise InputError(f"no run '{name}' in {runs_dir}{hint}")
-
-
-def _unknown(key: str, known: Sequence[str]) -> str:
-    near = difflib.get_close_matches(key, known, n=1, cutoff=0.4)
-    hint = f"did you mean '{near[0]}'?" if near else f"known are {', '.join(known)}"
-    return f"unknown method '{key}': {hint}"

@@ -1,5 +1,6 @@
 """``orchid eval``."""
 
+import itertools
 import json
 import math
 import shlex
@@ -30,7 +31,7 @@ from orchid_uav.experiments.configuration import (
     flatten,
     merge,
 )
-from orchid_uav.experiments.errors import InputError
+from orchid_uav.experiments.errors import InputError, unknown
 from orchid_uav.experiments.ranges import MOST_VALUES, parse_counts, parse_numbers
 
 if TYPE_CHECKING:
@@ -183,8 +184,6 @@ def _settings(
     heading_hold: str | None,
 ) -> list["Setting"]:
     """All combinations; what is not listed is as the configuration has it."""
-    from itertools import product
-
     from orchid_uav.experiments.evaluation import Setting
 
     network = world.network
@@ -203,7 +202,7 @@ def _settings(
     count = math.prod(map(len, lists))
     if count > MOST_VALUES:
         raise InputError(f"the lists make {count:,} settings, more than {MOST_VALUES:,}")
-    return [Setting(*combination) for combination in product(*lists)]
+    return [Setting(*combination) for combination in itertools.product(*lists)]
 
 
 def _world(config: Path | None, assignments: list[str]) -> "RunConfig":
@@ -249,8 +248,6 @@ def _plan(
 
 
 def _metrics(text: str) -> list[str]:
-    import difflib
-
     from orchid_uav.experiments.metrics import HEADLINE, METRICS
 
     if text in ("main", "all"):
@@ -258,9 +255,7 @@ def _metrics(text: str) -> list[str]:
     names = [name.strip() for name in text.split(",")]
     for name in names:
         if name not in METRICS:
-            near = difflib.get_close_matches(name, METRICS, n=1, cutoff=0.3)
-            hint = f"did you mean '{near[0]}'?" if near else f"known are {', '.join(METRICS)}"
-            raise InputError(f"unknown metric '{name}': {hint}")
+            raise InputError(unknown("metric", name, METRICS, cutoff=0.3))
     return names
 
 

@@ -12,7 +12,8 @@ from rich.progress import (
 )
 
 from orchid_uav.cli.console import print_line
-from orchid_uav.experiments.evaluation import Flight
+from orchid_uav.experiments.evaluation import Flight, describe
+from orchid_uav.experiments.metrics import label_of
 
 _SECONDS_BETWEEN_LINES = 5.0
 _LEAST_SHARE = 0.02
@@ -22,7 +23,7 @@ _NEXT = "summarising ..."
 def _describe(flight: Flight) -> str:
     setting = flight.setting
     return (
-        f"{flight.entry.label}, {setting.uavs} UAVs, {setting.users} users, "
+        f"{label_of(describe(flight))}, {setting.uavs} UAVs, {setting.users} users, "
         f"{setting.speed_mps:g} m/s, {setting.distribution}"
     )
 
