@@ -5,16 +5,18 @@ import itertools
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
+
+from orchid_uav.agents.safe_files import TensorKind, read_sealed, read_tensors, sealed
 
 WEIGHTS_FILE = "policy.safetensors"
 DESCRIPTION_FILE = "policy.json"
 _SCHEMA = 1
+_MOST_LAYERS = 64
 
 Floats = NDArray[np.float32]
 
@@ -86,7 +88,7 @@ def policy_files(
         tensors[f"actor.{index}.bias"] = np.ascontiguousarray(bias, dtype=np.float32)
     weights = save(tensors)
     sizes = [layers[0][0].shape[1], *(len(bias) for _, bias in layers)]
-    record = {
+    document = {
         "schema": _SCHEMA,
         "kind": "actor",
         "layer_sizes": sizes,
@@ -95,7 +97,8 @@ def policy_files(
         **description,
         "sha256": hashlib.sha256(weights).hexdigest(),
     }
-    return {WEIGHTS_FILE: weights, DESCRIPTION_FILE: (json.dumps(record, indent=2) + "\n").encode()}
+    description_text = json.dumps(sealed(document), indent=2) + "\n"
+    return {WEIGHTS_FILE: weights, DESCRIPTION_FILE: description_text.encode()}
 
 
 def load_policy(path: str | Path) -> LocalActor:
@@ -113,14 +116,15 @@ def load_policy(path: str | Path) -> LocalActor:
         if not needed.is_file():
             raise FileNotFoundError(f"no such file: {needed}")
     description = _read_description(description_path)
-    if hashlib.sha256(weights_path.read_bytes()).hexdigest() != description["sha256"]:
-        raise ValueError(f"{weights_path} is not what {description_path.name} describes (sha256)")
     sizes = description["layer_sizes"]
-    shapes: dict[str, list[int]] = {"log_std": [sizes[-1]]}
+    shapes: dict[str, tuple[int, ...]] = {"log_std": (sizes[-1],)}
     for index, (inputs, outputs) in enumerate(itertools.pairwise(sizes)):
-        shapes[f"actor.{index}.weight"] = [outputs, inputs]
-        shapes[f"actor.{index}.bias"] = [outputs]
-    tensors = _read_tensors(weights_path, shapes)
+        shapes[f"actor.{index}.weight"] = (outputs, inputs)
+        shapes[f"actor.{index}.bias"] = (outputs,)
+    kinds = {name: TensorKind(shape, np.dtype(np.float32)) for name, shape in shapes.items()}
+    tensors = read_tensors(weights_path, kinds, description["sha256"])
+    if not all(np.isfinite(tensor).all() for tensor in tensors.values()):
+        raise ValueError(f"{weights_path} holds numbers that are not finite")
     layers = [
         (tensors[f"actor.{index}.weight"], tensors[f"actor.{index}.bias"])
         for index in range(len(sizes) - 1)
@@ -129,37 +133,19 @@ def load_policy(path: str | Path) -> LocalActor:
 
 
 def _read_description(path: Path) -> dict[str, Any]:
+    description = read_sealed(path)
     try:
-        description = json.loads(path.read_text(encoding="utf-8"))
         sizes = description["layer_sizes"]
         known = (
             description["schema"] == _SCHEMA
             and isinstance(description["sha256"], str)
             and (description["hidden_activation"], description["output_activation"])
             == ("relu", "tanh")
-            and len(sizes) >= 2
-            and all(isinstance(size, int) and 0 < size <= 65536 for size in sizes)
+            and 2 <= len(sizes) <= _MOST_LAYERS
+            and all(type(size) is int and 0 < size <= 65536 for size in sizes)
         )
-    except (ValueError, KeyError, TypeError) as error:
+    except (KeyError, TypeError) as error:
         raise ValueError(f"{path} does not describe a policy: {error!r}") from error
     if not known:
         raise ValueError(f"{path} describes a policy of a kind or schema unknown here")
-    return cast(dict[str, Any], description)
-
-
-def _read_tensors(path: Path, shapes: Mapping[str, list[int]]) -> dict[str, Floats]:
-    """The named tensors, after names, shapes and types were found right in the file's header."""
-    try:
-        with safe_open(path, framework="numpy") as file:
-            if set(file.keys()) != set(shapes):
-                raise ValueError(f"{path} holds other tensors than its description says")
-            for name, shape in shapes.items():
-                header = file.get_slice(name)
-                if header.get_shape() != shape or header.get_dtype() != "F32":
-                    raise ValueError(f"{path}: {name} is not float32 of shape {shape}")
-            tensors = {name: file.get_tensor(name) for name in shapes}
-    except SafetensorError as error:
-        raise ValueError(f"{path} is not a readable safetensors file: {error}") from error
-    if not all(np.isfinite(tensor).all() for tensor in tensors.values()):
-        raise ValueError(f"{path} holds numbers that are not finite")
-    return tensors
+    return description

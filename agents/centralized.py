@@ -1,6 +1,8 @@
 """What both learners have in common besides SB3's base classes."""
 
-from typing import cast
+import math
+from collections.abc import Mapping
+from typing import Any, cast
 
 import numpy as np
 import torch
@@ -9,8 +11,26 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.type_aliases import Schedule
 from stable_baselines3.common.utils import FloatSchedule
 
+from orchid_uav.agents.safe_files import TensorKind, Tensors
+
 Rows = dict[str, NDArray[np.float32]]
 """{"observation": (rows, O), "state": (rows, S)}."""
+
+
+class DivergedError(ArithmeticError):
+    """Learning led to numbers that are not finite."""
+
+
+_COUNTERS: dict[str, type] = {
+    "num_timesteps": int,
+    "_n_updates": int,
+    "_episode_num": int,
+    "_current_progress_remaining": float,
+    "learning_rate_scale": float,
+    "scheduled_rate_scale": float,
+    "ent_coef": float,
+}
+_WEIGHTS, _OPTIMIZER = "weights", "optimizer"
 
 
 class CentralizedTraining(BaseAlgorithm):
@@ -22,6 +42,8 @@ class CentralizedTraining(BaseAlgorithm):
     critic_learning_rate: float | Schedule
     learning_rate_scale: float = 1.0
     """Factor on both learning rates; Reset-and-Finetune lowers it."""
+    scheduled_rate_scale: float = 1.0
+    """Another one, which follows training progress."""
     agents_per_world: int
 
     def _find_agents_per_world(self) -> None:
@@ -38,10 +60,8 @@ class CentralizedTraining(BaseAlgorithm):
     def learning_rates(self) -> tuple[float, float]:
         """The actor's and the critic's learning rates in force."""
         progress = self._current_progress_remaining
-        return (
-            self.lr_schedule(progress) * self.learning_rate_scale,
-            self.critic_lr_schedule(progress) * self.learning_rate_scale,
-        )
+        scale = self.learning_rate_scale * self.scheduled_rate_scale
+        return self.lr_schedule(progress) * scale, self.critic_lr_schedule(progress) * scale
 
     @property
     def optimizers(self) -> list[torch.optim.Optimizer]:
@@ -61,6 +81,12 @@ class CentralizedTraining(BaseAlgorithm):
         for group in self.policy.optimizer.param_groups:
             self.logger.record(f"train/{group['name']}_learning_rate", group["lr"])
 
+    def _check_losses(self, figures: Mapping[str, float]) -> None:
+        """Raise DivergedError if one of an update's figures is not a finite number."""
+        for name, figure in figures.items():
+            if not math.isfinite(figure):
+                raise DivergedError(f"update {self._n_updates}: {name} is {figure}")
+
     def _last_rows(self) -> tuple[Rows, NDArray[np.bool_]]:
         """The latest observation, and which rows begin an episode with it."""
         return cast(Rows, self._last_obs), cast(NDArray[np.bool_], self._last_episode_starts)
@@ -69,3 +95,79 @@ class CentralizedTraining(BaseAlgorithm):
         """Rows of as many worlds as have an episode of ``steps`` steps left to fly (M33)."""
         worlds_left = (self._total_timesteps - self.num_timesteps) / (steps * self.agents_per_world)
         return min(rows, max(1, int(np.ceil(worlds_left))) * self.agents_per_world)
+
+    # What a learner has to remember between two rollouts, for a run that goes on later. The
+    # generators of torch, which all of its random numbers come from, belong to the process.
+
+    def training_state(self) -> tuple[dict[str, Any], dict[str, Tensors]]:
+        """Counters, and tensors by the name of the file that they belong in.
+
+        Raises:
+            DivergedError: a weight is not a finite number.
+        """
+        weights = {name: _array(tensor) for name, tensor in self.policy.state_dict().items()}
+        for name, array in weights.items():
+            if not np.isfinite(array).all():
+                raise DivergedError(f"after update {self._n_updates} {name} is not finite")
+        document: dict[str, Any] = {
+            name: kind(getattr(self, name))
+            for name, kind in _COUNTERS.items()
+            if hasattr(self, name)
+        }
+        optimizer = self.policy.optimizer
+        document["optimizer"] = {
+            str(index): sorted(optimizer.state[parameter])
+            for index, parameter in enumerate(self._optimized())
+            if parameter in optimizer.state
+        }
+        moments = {
+            f"{index}.{name}": _array(optimizer.state[parameter][name])
+            for index, parameter in enumerate(self._optimized())
+            for name in sorted(optimizer.state.get(parameter, ()))
+        }
+        return document, {_WEIGHTS: weights, _OPTIMIZER: moments}
+
+    def training_state_kinds(self, document: Mapping[str, Any]) -> dict[str, dict[str, TensorKind]]:
+        """Shapes and types of the tensors that belong to counters of :meth:`training_state`."""
+        weights = {
+            name: TensorKind.of(_array(tensor)) for name, tensor in self.policy.state_dict().items()
+        }
+        parameters = self._optimized()
+        moments = {}
+        for index, names in document["optimizer"].items():
+            parameter = TensorKind.of(_array(parameters[int(index)]))
+            for name in names:
+                scalar = TensorKind((), parameter.dtype)
+                moments[f"{index}.{name}"] = scalar if name == "step" else parameter
+        return {_WEIGHTS: weights, _OPTIMIZER: moments}
+
+    def restore_training_state(
+        self, document: Mapping[str, Any], tensors: Mapping[str, Tensors]
+    ) -> None:
+        """Be as the learner was that :meth:`training_state` was asked of."""
+        for name, kind in _COUNTERS.items():
+            if name in document:
+                setattr(self, name, kind(document[name]))
+        self.policy.load_state_dict(
+            {name: torch.from_numpy(array) for name, array in tensors[_WEIGHTS].items()}
+        )
+        optimizer = self.policy.optimizer
+        optimizer.state.clear()
+        parameters = self._optimized()
+        for index, names in document["optimizer"].items():
+            parameter = parameters[int(index)]
+            optimizer.state[parameter] = {
+                name: torch.from_numpy(tensors[_OPTIMIZER][f"{index}.{name}"]).to(parameter.device)
+                for name in names
+            }
+
+    def _optimized(self) -> list[torch.nn.Parameter]:
+        return [
+            parameter
+            for group in self.policy.optimizer.param_groups
+            for parameter in group["params"]
+        ]
+
+
+def _array(tensor: torch.Tensor) -> NDArray[Any]:
+    return tensor.detach().cpu().numpy().copy()

@@ -1,6 +1,7 @@
 """Multi-agent DDPG with a shared local actor on SB3's off-policy base (Baselines 1 and 2)."""
 
 import math
+from collections.abc import Mapping
 from typing import Any, ClassVar, cast
 
 import numpy as np
@@ -26,8 +27,10 @@ from orchid_uav.agents.centralized import CentralizedTraining, Rows
 from orchid_uav.agents.deterministic_policy import JointCriticPolicy
 from orchid_uav.agents.networks import check_spaces
 from orchid_uav.agents.replay import JointBatch, JointReplayBuffer
+from orchid_uav.agents.safe_files import TensorKind, Tensors
 
 _SMALLEST_STD = 1e-12
+_REPLAY = "replay"
 
 
 class MADDPG(CentralizedTraining, OffPolicyAlgorithm):
@@ -203,9 +206,11 @@ class MADDPG(CentralizedTraining, OffPolicyAlgorithm):
             ):
                 polyak_update(source.parameters(), target.parameters(), self.tau)
         self._n_updates += updates
+        losses = {"critic_loss": critic_loss.item(), "actor_loss": actor_loss.item()}
+        self._check_losses(losses)
         self._log_learning_rates()
-        self.logger.record("train/critic_loss", critic_loss.item())
-        self.logger.record("train/actor_loss", actor_loss.item())
+        for name, loss in losses.items():
+            self.logger.record(f"train/{name}", loss)
         self.logger.record("train/n_updates", self._n_updates, exclude="tensorboard")
 
     def critic_loss(self, batch: JointBatch) -> torch.Tensor:
@@ -227,6 +232,28 @@ class MADDPG(CentralizedTraining, OffPolicyAlgorithm):
         loss.backward(inputs=parameters)
         torch.nn.utils.clip_grad_norm_(parameters, self.max_grad_norm)
         self.policy.optimizer.step()
+
+    def training_state(self) -> tuple[dict[str, Any], dict[str, Tensors]]:
+        """As of both learners, and the transitions stored so far."""
+        document, tensors = super().training_state()
+        document |= {"rows": self._rows, "replay": self.replay_buffer.place()}
+        return document, tensors | {_REPLAY: self.replay_buffer.stored()}
+
+    def training_state_kinds(self, document: Mapping[str, Any]) -> dict[str, dict[str, TensorKind]]:
+        """As of both learners, and of the replay buffer."""
+        kinds = self.replay_buffer.stored_kinds(document["replay"])
+        return super().training_state_kinds(document) | {_REPLAY: kinds}
+
+    def restore_training_state(
+        self, document: Mapping[str, Any], tensors: Mapping[str, Tensors]
+    ) -> None:
+        """As of both learners, and of the replay buffer."""
+        rows = document["rows"]
+        if type(rows) is not int or not 0 < rows <= self.n_envs or rows % self.agents_per_world:
+            raise ValueError(f"{rows!r} rows of {self.n_envs}")
+        super().restore_training_state(document, tensors)
+        self._rows = rows
+        self.replay_buffer.restore(document["replay"], tensors[_REPLAY])
 
     def save_replay_buffer(self, path: Any) -> None:
         """Not supported: SB3's format is a pickle, and to read one is to run it."""

@@ -185,7 +185,9 @@ class MAPPO(CentralizedTraining, PPO):
             if not self._train_epoch(measured):
                 break
             self._n_updates += 1
-        self._log_update(torch.stack(measured).mean(dim=0))
+        figures = dict(zip(_FIGURES, torch.stack(measured).mean(dim=0).tolist(), strict=True))
+        self._check_losses(figures)
+        self._log_update(figures)
 
     def _train_epoch(self, measured: list[torch.Tensor]) -> bool:
         """One pass over the rollout; False if ``target_kl`` was exceeded."""
@@ -228,9 +230,9 @@ class MAPPO(CentralizedTraining, PPO):
             figures = torch.stack([policy_loss, value_loss, entropy, divergence, clip_fraction])
         return loss, figures
 
-    def _log_update(self, figures: torch.Tensor) -> None:
+    def _log_update(self, figures: dict[str, float]) -> None:
         self._log_learning_rates()
-        for name, figure in zip(_FIGURES, figures.tolist(), strict=True):
+        for name, figure in figures.items():
             self.logger.record(f"train/{name}", figure)
         rows = self.rollout_buffer.rows
         values, returns = self.rollout_buffer.values, self.rollout_buffer.returns

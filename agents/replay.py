@@ -1,5 +1,6 @@
 """Replay of whole-fleet transitions."""
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.buffers import BaseBuffer
 
 from orchid_uav.agents.centralized import Rows
+from orchid_uav.agents.safe_files import TensorKind, Tensors
 
 Floats = NDArray[np.float32]
 
@@ -122,6 +124,39 @@ class JointReplayBuffer(BaseBuffer):
         return JointBatch(
             *(torch.from_numpy(array[places]).to(self.device) for array in self.arrays)
         )
+
+    def place(self) -> dict[str, Any]:
+        """Where the next transition goes."""
+        return {"pos": int(self.pos), "full": bool(self.full)}
+
+    def stored(self) -> Tensors:
+        """What is stored, by the names of :class:`JointBatch`."""
+        size = self.size()
+        return {
+            name: array[:size] for name, array in zip(JointBatch._fields, self.arrays, strict=True)
+        }
+
+    def stored_kinds(self, place: Mapping[str, Any]) -> dict[str, TensorKind]:
+        """Shapes and types of what is stored where the next transition goes to ``place``.
+
+        Raises:
+            ValueError: no such place.
+        """
+        pos, full = place["pos"], place["full"]
+        if type(pos) is not int or not 0 <= pos < self.buffer_size or type(full) is not bool:
+            raise ValueError(f"no place in a buffer of {self.buffer_size}: {pos!r}, {full!r}")
+        size = self.buffer_size if full else pos
+        return {
+            name: TensorKind((size, *array.shape[1:]), array.dtype)
+            for name, array in zip(JointBatch._fields, self.arrays, strict=True)
+        }
+
+    def restore(self, place: Mapping[str, Any], stored: Tensors) -> None:
+        """Hold what another buffer of this size held."""
+        self.stored_kinds(place)
+        self.pos, self.full = place["pos"], place["full"]
+        for name, array in zip(JointBatch._fields, self.arrays, strict=True):
+            array[: self.size()] = stored[name]
 
     def _get_samples(self, batch_inds: np.ndarray, env: Any = None) -> Any:
         raise NotImplementedError  # SB3's sample() calls it; ours does not

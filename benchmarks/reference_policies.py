@@ -17,6 +17,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from orchid_uav.agents.actor import DESCRIPTION_FILE, WEIGHTS_FILE
+from orchid_uav.agents.safe_files import sealed
 from orchid_uav.envs import Parameters
 from orchid_uav.experiments.evaluation import Plan, Setting, evaluate
 from orchid_uav.experiments.files import write_json
@@ -53,7 +54,7 @@ def release(run: Path, key: str) -> None:
     record = {name: value for name, value in record.items() if name not in _PROCESS_KEYS}
     del record["host"]["name"]
     record["command"] = ["orchid", "train", *COMMANDS[key], "--name", key]
-    write_json(target / "run.json", record)
+    write_json(target / "run.json", sealed(record))
 
 
 def fly(key: str) -> dict[str, list[float]]:

@@ -1,15 +1,15 @@
 """What happens while training."""
 
+from orchid_uav.callbacks.checkpoints import Checkpoints
 from orchid_uav.callbacks.episode_log import EpisodeLog
 from orchid_uav.callbacks.episodes import EpisodeCallback
 from orchid_uav.callbacks.reset_and_finetune import ResetAndFinetune
 from orchid_uav.callbacks.schedules import ProgressSchedules
-from orchid_uav.callbacks.stop import StopOnRequest
 
 __all__ = [
+    "Checkpoints",
     "EpisodeCallback",
     "EpisodeLog",
     "ProgressSchedules",
     "ResetAndFinetune",
-    "StopOnRequest",
 ]

@@ -1,5 +1,6 @@
 """Callbacks that act when episodes have ended and the policy was updated on them."""
 
+from collections.abc import Mapping
 from typing import Any, Protocol, cast
 
 import torch
@@ -14,6 +15,7 @@ class Learner(Protocol):
 
     ent_coef: float
     learning_rate_scale: float
+    scheduled_rate_scale: float
 
     @property
     def learning_rates(self) -> tuple[float, float]:
@@ -46,6 +48,14 @@ class EpisodeCallback(BaseCallback):
     def _on_episodes(self, episodes: list[Episode]) -> None:
         """Handle new episodes; ``episodes_done`` counts the ones before them."""
         raise NotImplementedError
+
+    def state(self) -> dict[str, Any]:
+        """What it remembers between two updates, as JSON."""
+        return {"episodes_done": self.episodes_done}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Be as the callback that :meth:`state` was asked of."""
+        self.episodes_done = int(state["episodes_done"])
 
     def _on_step(self) -> bool:
         dones = self.locals["dones"]

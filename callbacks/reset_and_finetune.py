@@ -1,6 +1,7 @@
 """Reset-and-Finetune: on a plateau, clear the optimizer and lower the rates (Section IV-D)."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any
 
 import torch
 
@@ -62,6 +63,9 @@ class ResetAndFinetune(EpisodeCallback):
         tolerance_reward: epsilon_tol of the reward.
         kappa: factor on both learning rates at a reset (decision M1).
         max_resets: interventions at most; each needs 2W fresh episodes (decision M22).
+        at_episodes: acts after these episodes instead, whatever the windows say (a control).
+        clear_optimizer: whether a reset clears the optimizer; without, a control, it lowers the
+            rates alone.
     """
 
     def __init__(
@@ -71,6 +75,8 @@ class ResetAndFinetune(EpisodeCallback):
         tolerance_reward: float = 0.05,
         kappa: float = 0.5,
         max_resets: int = 1,
+        at_episodes: Collection[int] | None = None,
+        clear_optimizer: bool = True,
         verbose: int = 0,
     ) -> None:
         super().__init__(verbose)
@@ -87,22 +93,44 @@ class ResetAndFinetune(EpisodeCallback):
         self.tolerance_reward = tolerance_reward
         self.kappa = kappa
         self.max_resets = max_resets
+        self.at_episodes = at_episodes
+        self.clear_optimizer = clear_optimizer
         self.reset_episodes: list[int] = []
         self._jfi: list[float] = []
         self._reward: list[float] = []
+
+    def state(self) -> dict[str, Any]:
+        """The windows, and the episodes of the resets."""
+        return super().state() | {
+            "rate_jfi": self._jfi,
+            "reward": self._reward,
+            "reset_episodes": self.reset_episodes,
+        }
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Be as the callback that :meth:`state` was asked of."""
+        super().restore(state)
+        self._jfi, self._reward = list(state["rate_jfi"]), list(state["reward"])
+        self.reset_episodes = list(state["reset_episodes"])
 
     def _on_episodes(self, episodes: list[Episode]) -> None:
         for number, episode in enumerate(episodes, start=self.episodes_done + 1):
             self._jfi.append(episode["rate_jfi"])
             self._reward.append(episode["reward"])
-            if len(self.reset_episodes) < self.max_resets and has_plateaued(
-                self._jfi, self._reward, self.window, self.tolerance_jfi, self.tolerance_reward
-            ):
+            if len(self.reset_episodes) < self.max_resets and self._is_due(number):
                 self._intervene(number)
 
+    def _is_due(self, episode: int) -> bool:
+        if self.at_episodes is not None:
+            return episode in self.at_episodes
+        return has_plateaued(
+            self._jfi, self._reward, self.window, self.tolerance_jfi, self.tolerance_reward
+        )
+
     def _intervene(self, episode: int) -> None:
-        for optimizer in self.learner.optimizers:
-            reset_optimizer(optimizer)
+        if self.clear_optimizer:
+            for optimizer in self.learner.optimizers:
+                reset_optimizer(optimizer)
         scale = self.learner.learning_rate_scale * self.kappa
         self.learner.learning_rate_scale = max(scale, LOWEST_RATE_SCALE)
         self.reset_episodes.append(episode)

@@ -19,8 +19,6 @@ from pydantic import (
     model_validator,
 )
 
-from orchid_uav.envs.units import dbm_to_watt, decibel_to_linear
-
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
 Pair = tuple[NotNegative, NotNegative]
@@ -227,6 +225,8 @@ class ChannelParameters(Section):
 
     def noise_power_w(self, bandwidth_hz: float) -> float:
         """Thermal noise N_0 B in W."""
+        from orchid_uav.envs.units import dbm_to_watt  # not before it is needed: it loads numba
+
         return float(dbm_to_watt(self.noise_density_dbm_per_hz)) * bandwidth_hz
 
 
@@ -321,6 +321,8 @@ class Parameters(Section):
     @property
     def required_snr(self) -> float:
         """Gamma_req as a ratio."""
+        from orchid_uav.envs.units import decibel_to_linear
+
         return float(decibel_to_linear(self.channel.required_snr_db))
 
     @property

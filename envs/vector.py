@@ -61,7 +61,7 @@ class FleetVecEnv(VecEnv):
     def reset(self) -> Rows:
         """Begin an episode in every world."""
         self.world.reset()
-        return self._rows()
+        return self.rows()
 
     def step_async(self, actions: np.ndarray) -> None:
         """Keep the actions (B·N, 4) for :meth:`step_wait`."""
@@ -77,7 +77,7 @@ class FleetVecEnv(VecEnv):
         if finished.any():
             self._describe_ends(np.flatnonzero(finished), infos)
             self.world.reset(np.flatnonzero(finished))
-        return self._rows(), rewards, dones, infos
+        return self.rows(), rewards, dones, infos
 
     def _describe_ends(self, finished: NDArray[np.int64], infos: list[dict[str, Any]]) -> None:
         for world in finished:
@@ -91,7 +91,8 @@ class FleetVecEnv(VecEnv):
                     "episode_metrics": metrics,
                 }
 
-    def _rows(self) -> Rows:
+    def rows(self) -> Rows:
+        """The latest observations, as ``reset`` or ``step`` gave them."""
         arrays = self.world.arrays
         observations = arrays.observations.reshape(self.num_envs, -1).copy()
         return {

@@ -1,7 +1,7 @@
 """B independent worlds, stepped together."""
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -252,6 +252,47 @@ class WorldBatch:
         if self.finished.any():
             raise RuntimeError("an episode is over or has not begun: call reset() first")
         step_worlds(self.constants, self.arrays, wanted, self.progress)
+
+    def state(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+        """All that the worlds' further course depends on: plain values, and copies of arrays."""
+        document = {
+            "progress": self.progress,
+            "generators": [generator.bit_generator.state for generator in self.generators],
+        }
+        return document, {name: array.copy() for name, array in self._stored().items()}
+
+    def restore(self, document: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Be as the batch, of the same parameters, that :meth:`state` was asked of.
+
+        Raises:
+            ValueError: a value that cannot be.
+        """
+        stored = self._stored()
+        generators = document["generators"]
+        if set(arrays) != set(stored) or len(generators) != self.world_count:
+            raise ValueError("the state is that of other worlds")
+        greatest = {
+            "slot": self.parameters.network.episode_slots,
+            "association": self.uav_count - 1,
+            "loads": self.user_count,
+        }
+        for name, array in stored.items():
+            given = arrays[name]
+            if (given.shape, given.dtype) != (array.shape, array.dtype):
+                raise ValueError(f"{name} is {given.dtype} of shape {given.shape}")
+            # The compiled step takes indices on trust.
+            if not np.isfinite(given).all() or given.max() > greatest.get(name, np.inf):
+                raise ValueError(f"{name} holds values that cannot be")
+        if (arrays["slot"] < 0).any() or (arrays["association"] < -1).any():
+            raise ValueError("a slot or an association is negative")
+        self.set_progress(document["progress"])
+        for generator, state in zip(self.generators, generators, strict=True):
+            generator.bit_generator.state = state
+        for name, array in stored.items():
+            array[...] = arrays[name]
+
+    def _stored(self) -> dict[str, NDArray[Any]]:
+        return self.arrays._asdict() | {"shadowing_db": self._shadowing_db}
 
     @property
     def finished(self) -> NDArray[np.bool_]:

@@ -25,9 +25,9 @@ Fraction = Annotated[float, Field(ge=0, le=1)]
 class PpoParameters(Section):
     """MAPPO."""
 
-    actor_learning_rate: Positive = 1e-4
-    """Learning rate eta_actor."""
-    critic_learning_rate: Positive = 1e-3
+    actor_learning_rate: NotNegative = 1e-4
+    """Learning rate eta_actor; with both at 0 the policy stays as it began."""
+    critic_learning_rate: NotNegative = 1e-3
     """Learning rate eta_critic."""
     discount: Fraction = 0.99
     """Discount factor gamma_df."""
@@ -60,9 +60,9 @@ class PpoParameters(Section):
 class MaddpgParameters(Section):
     """MADDPG; what the paper does not give is decision M32."""
 
-    actor_learning_rate: Positive = 1e-4
+    actor_learning_rate: NotNegative = 1e-4
     """Learning rate of the actor, as eta_actor."""
-    critic_learning_rate: Positive = 1e-3
+    critic_learning_rate: NotNegative = 1e-3
     """Learning rate of the critic, as eta_critic."""
     discount: Fraction = 0.99
     """Discount factor gamma_df."""
@@ -113,6 +113,19 @@ class ResetParameters(Section):
     """Factor on both learning rates at a reset (M1)."""
     max_resets: Annotated[int, Field(ge=1)] = 1
     """Interventions at most (M22)."""
+    trigger: Literal["plateau", "random"] = "plateau"
+    """When it acts; `random`, a control, draws the episodes before training."""
+    clear_optimizer: bool = True
+    """Whether a reset clears Adam's moments; without, a control, it lowers the rates alone."""
+
+
+class CheckpointParameters(Section):
+    """Saved states that a run can go on from."""
+
+    every_episodes: Annotated[int, Field(ge=1)] = 50
+    """Episodes from one checkpoint to the next."""
+    keep: Annotated[int, Field(ge=1, le=1000)] = 3
+    """Latest checkpoints that are kept."""
 
 
 class TrainingParameters(Section):
@@ -126,6 +139,10 @@ class TrainingParameters(Section):
     """Seed of topologies, weights and exploration."""
     worlds: Annotated[int, Field(ge=1)] = 1
     """Worlds flown side by side; an update follows after each has flown one episode."""
+    schedule_episodes: Annotated[int, Field(ge=1)] | None = None
+    """Episodes over which training progress grows from 0 to 1; none: all of them (M9)."""
+    final_learning_rate_scale: Fraction = 1.0
+    """Factor on both learning rates at training progress 1, reached linearly; 1: constant."""
     threads: Annotated[int, Field(ge=1, le=256)] = 1
     """Threads of torch; one is fastest for networks of this size."""
 
@@ -139,6 +156,8 @@ class RunConfig(Parameters):
     """MADDPG."""
     reset: ResetParameters = ResetParameters()
     """Reset-and-Finetune."""
+    checkpoint: CheckpointParameters = CheckpointParameters()
+    """Saved states."""
     training: TrainingParameters = TrainingParameters()
     """Episodes, seed, algorithm."""
 
@@ -156,6 +175,15 @@ class RunConfig(Parameters):
     def network_parameters(self) -> Parameters:
         """The part that the simulator needs."""
         return Parameters.model_validate(self.model_dump(include=set(Parameters.model_fields)))
+
+    def extended_to(self, episodes: int) -> "RunConfig":
+        """With more episodes, during which the schedules stay where the first ones led them."""
+        training = self.training
+        changes = {
+            "episodes": episodes,
+            "schedule_episodes": training.schedule_episodes or training.episodes,
+        }
+        return self.model_copy(update={"training": training.model_copy(update=changes)})
 
 
 LEARNING_SECTIONS = tuple(RunConfig.model_fields)[len(Parameters.model_fields) :]

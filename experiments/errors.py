@@ -12,9 +12,15 @@ class RunFailedError(Exception):
     """A run that had begun could not go on."""
 
 
+def nearest(name: str, known: Iterable[str], cutoff: float) -> str | None:
+    """What is most like a name, None if nothing is."""
+    near = difflib.get_close_matches(name, list(known), n=1, cutoff=cutoff)
+    return near[0] if near else None
+
+
 def unknown(kind: str, name: str, known: Iterable[str], cutoff: float) -> str:
     """A message that names the nearest of what is known, or all of it where nothing is near."""
     names = list(known)
-    near = difflib.get_close_matches(name, names, n=1, cutoff=cutoff)
-    hint = f"did you mean '{near[0]}'?" if near else f"known are {', '.join(names)}"
+    near = nearest(name, names, cutoff)
+    hint = f"did you mean '{near}'?" if near else f"known are {', '.join(names)}"
     return f"unknown {kind} '{name}': {hint}"

@@ -194,7 +194,7 @@ def _cost(flight: Flight) -> float:
 
 
 class _Topologies:
-    """Held-out topologies of a setting, drawn once for all methods with the same kind of start."""
+    """Held-out topologies of a setting, drawn once for all methods of one start and world."""
 
     def __init__(self, plan: Plan, setting: Setting) -> None:
         self.seeds = evaluation_seeds(plan.seed, plan.episodes)
@@ -204,7 +204,8 @@ class _Topologies:
     def of(self, entry: Entry) -> tuple[Parameters, Topologies]:
         """The parameters that a method flies with, and its topologies."""
         parameters = self._parameters.with_overrides(dict(entry.overrides))
-        kind = parameters.deployment
+        # Nothing that is drawn depends on reward and shares.
+        kind = parameters.model_dump_json(exclude={"reward"})
         if kind not in self._drawn:
             try:
                 self._drawn[kind] = Topologies.joined(

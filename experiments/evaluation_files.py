@@ -155,11 +155,12 @@ def summary_document(
     plan: Plan, flown: Flown, settings: Mapping[str, Any], command: list[str], is_complete: bool
 ) -> dict[str, Any]:
     """The content of ``summary.json``, which is also what ``orchid eval --json`` prints."""
-    header = _header(settings, command, "completed" if is_complete else "interrupted")
+    header = header_of(settings, command, "completed" if is_complete else "interrupted")
     return header | {"results": summarise_flights(plan, flown)}
 
 
-def _header(settings: Mapping[str, Any], command: list[str], status: str) -> dict[str, Any]:
+def header_of(settings: Mapping[str, Any], command: list[str], status: str) -> dict[str, Any]:
+    """What every document of results begins with."""
     host = describe_host()
     del host["name"]
     return {
@@ -230,7 +231,7 @@ def save_flights(
     Raises:
         RunFailedError: they cannot be written.
     """
-    document = _header(settings, command, "interrupted") | {"results": []}
+    document = header_of(settings, command, "interrupted") | {"results": []}
     with _told(directory):
         # In this order: a summary without episodes is one of nothing flown yet.
         if not (directory / SUMMARY_FILE).exists():

@@ -15,11 +15,15 @@ class Interruption:
         self.requested = False
 
 
+_AFTER_UPDATE = b"stopping after the update that follows; once more stops at once\n"
+
+
 @contextmanager
-def interruption_requests() -> Iterator[Interruption]:
+def interruption_requests(message: bytes = _AFTER_UPDATE) -> Iterator[Interruption]:
     """Note SIGINT, SIGTERM and SIGHUP instead of dying of them; a second one acts at once.
 
-    Outside the main thread, where Python delivers no signals, nothing is changed.
+    The first one has ``message`` written to stderr. Outside the main thread, where Python delivers
+    no signals, nothing is changed.
     """
     interruption = Interruption()
 
@@ -28,7 +32,7 @@ def interruption_requests() -> Iterator[Interruption]:
             raise KeyboardInterrupt
         interruption.requested = True
         # Not print: the signal may have come in the middle of one.
-        os.write(2, b"stopping after the update that may be due; once more stops at once\n")
+        os.write(2, message)
 
     if threading.current_thread() is not threading.main_thread():
         yield interruption

@@ -1,14 +1,10 @@
 """Every method that can be evaluated, by its key, and policies from run directories beside them."""
 
-import difflib
-import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
-
-from pydantic import ValidationError
 
 from orchid_uav.agents.actor import LocalActor, load_policy
 from orchid_uav.agents.heuristics import BalancedLoiter, Hover, Loiter, Track
@@ -16,10 +12,9 @@ from orchid_uav.agents.learned import ExplorationNoise, Learned, ZeroAction
 from orchid_uav.agents.method import Method
 from orchid_uav.agents.planner import EVALUATIONS, Planner
 from orchid_uav.envs.arrays import ACTION_SIZE, OBSERVATION_SIZE
-from orchid_uav.envs.parameters import describe_error
 from orchid_uav.experiments.configuration import RunConfig, flatten
 from orchid_uav.experiments.errors import InputError, unknown
-from orchid_uav.experiments.files import expanded
+from orchid_uav.experiments.run_records import read_config, read_record, status_of
 
 ALL, RULES, LEARNED = "all", "rules", "learned"
 """Groups of methods, for ``--methods``."""
@@ -70,6 +65,10 @@ class Entry:
     """False if it serves other users than the others do."""
     cost: float = 1.0
     """Rough duration of a flight, that of hovering being 1, to tell the time left."""
+
+    def with_overrides(self, values: Mapping[str, Any]) -> "Entry":
+        """With further parameters that belong to the method."""
+        return replace(self, overrides={**self.overrides, **values})
 
 
 RELEASED = {
@@ -213,7 +212,7 @@ def select(
         else:
             name = key.removesuffix(ZERO)
             policy = read_released(name)
-            entries += _rows_of(policy, name, RELEASED[name], stochastic, key.endswith(ZERO))
+            entries += rows_of(policy, name, RELEASED[name], stochastic, key.endswith(ZERO))
     seen: set[str] = set()
     for path in runs:
         policy = read_run(path)
@@ -223,13 +222,22 @@ def select(
         if policy.run in known:
             raise InputError(f"run {policy.run} has the key of a built-in method: rename it")
         for is_zero in (False, True):
-            entries += _rows_of(policy, policy.run, str(path), stochastic, is_zero)
+            entries += rows_of(policy, policy.run, str(path), stochastic, is_zero)
     if not entries:
         raise InputError("there is nothing to evaluate: name methods or runs")
     return entries
 
 
-def _rows_of(policy: Policy, name: str, idea: str, stochastic: bool, is_zero: bool) -> list[Entry]:
+def rows_of(policy: Policy, name: str, idea: str, stochastic: bool, is_zero: bool) -> list[Entry]:
+    """A learned policy, or its zero-action twin, as rows of an evaluation.
+
+    Args:
+        policy: the policy.
+        name: its key.
+        idea: what it is.
+        stochastic: add a row with sampled actions, or with the noise alone.
+        is_zero: the twin.
+    """
     overrides = {key: flatten(policy.config)[key] for key in METHOD_KEYS}
 
     def make(is_sampled: bool) -> Callable[[Sequence[int]], Method]:
@@ -266,24 +274,18 @@ def read_run(path: Path) -> Policy:
         InputError: no run, a run that goes on or failed, damaged files, or a policy for other
             observations or actions than the environment's.
     """
-    try:
-        record = json.loads((path / "run.json").read_text(encoding="utf-8"))
-        status, run = record["status"], str(record["id"])
-    except FileNotFoundError as error:
-        raise InputError(f"{path} is not a run directory: it has no run.json") from error
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(f"cannot read {path / 'run.json'}: {error}") from error
+    record = read_record(path)
+    status, run = status_of(path, record), record["id"]
     if status not in ("completed", "interrupted"):
-        state = "is still running, or died" if status == "running" else f"is '{status}'"
+        state = "is still running" if status == "running" else f"'{status}'"
         raise InputError(f"run {run} {state}: only a run that ended has a policy to fly ({path})")
     try:
-        config = RunConfig.model_validate_json((path / "config.json").read_text(encoding="utf-8"))
+        config = read_config(path, record)
         actor = load_policy(path)
-    except ValidationError as error:
-        reason = f"{path / 'config.json'}: {describe_error(error)[1]}"
-        raise InputError(f"run {run} cannot be flown: {reason}") from error
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, InputError) as error:
         raise InputError(f"run {run} cannot be flown: {error}") from error
+    if actor.description.get("run") != run:
+        raise InputError(f"the policy in {path} is that of run {actor.description.get('run')}")
     sizes = (actor.observation_size, actor.action_size)
     if sizes != (OBSERVATION_SIZE, ACTION_SIZE):
         raise InputError(
@@ -291,31 +293,3 @@ def read_run(path: Path) -> Policy:
             f"environment has {OBSERVATION_SIZE} and {ACTION_SIZE}"
         )
     return Policy(actor, run, config, is_complete=status == "completed")
-
-
-def find_run(name: str, runs_dir: Path) -> Path:
-    """The directory of a run given as a path, an id, or a unique beginning of one.
-
-    Raises:
-        InputError: none or several fit.
-    """
-    given = expanded(name)
-    try:
-        if given.is_dir():
-            return given
-    except OSError as error:
-        raise InputError(f"no run '{name}': {error.strerror}") from error
-    if not runs_dir.is_dir():
-        raise InputError(f"no run '{name}': there is no directory {runs_dir}")
-    ids = sorted(path.name for path in runs_dir.iterdir() if (path / "run.json").is_file())
-    found = [run for run in ids if run.startswith(name)]
-    if name in ids:
-        found = [name]
-    if len(found) == 1:
-        return runs_dir / found[0]
-    if found:
-        shown = ", ".join(found[:4]) + (" ..." if len(found) > 4 else "")
-        raise InputError(f"'{name}' begins {len(found)} runs: {shown}")
-    near = difflib.get_close_matches(name, ids, n=1, cutoff=0.3)
-    hint = f"; did you mean '{near[0]}'?" if near else ""
-    raise InputError(f"no run '{name}' in {runs_dir}{hint}")

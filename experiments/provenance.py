@@ -39,11 +39,13 @@ def describe_host() -> dict[str, Any]:
 
 def describe_process() -> dict[str, Any]:
     """Enough to tell later whether this very process is still alive."""
-    boot_id = Path("/proc/sys/kernel/random/boot_id")
-    return {
-        "pid": os.getpid(),
-        "boot_id": boot_id.read_text().strip() if boot_id.is_file() else None,
-    }
+    return {"pid": os.getpid(), "boot_id": boot_id()}
+
+
+def boot_id() -> str | None:
+    """What tells this start of the machine from all others, where the system has it."""
+    path = Path("/proc/sys/kernel/random/boot_id")
+    return path.read_text().strip() if path.is_file() else None
 
 
 def git_commit() -> str | None:

@@ -34,12 +34,14 @@ def parse_numbers(text: str, what: str) -> list[float]:
     return list(values)
 
 
-def parse_counts(text: str, what: str) -> list[int]:
-    """As :func:`parse_numbers`, for whole numbers of at least 1."""
+def parse_counts(text: str, what: str, least: int = 1) -> list[int]:
+    """As :func:`parse_numbers`, for whole numbers of at least ``least``."""
     values = parse_numbers(text, what)
     for value in values:
-        if value != int(value) or value < 1:
-            raise InputError(f"{what} {text} contains {value:g}, which is no count of 1 or more")
+        if value != int(value) or value < least:
+            raise InputError(
+                f"{what} {text} contains {value:g}, which is no whole number of {least} or more"
+            )
     return [int(value) for value in values]
 
 

@@ -1,6 +1,7 @@
 """A run's directory: its id, its record, its log of episodes."""
 
 import csv
+import hashlib
 import io
 import math
 import os
@@ -12,15 +13,24 @@ from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from statistics import fmean
-from typing import Any, Literal
+from typing import Any
 
+from orchid_uav.agents.safe_files import read_bytes, sealed
 from orchid_uav.envs.metrics import EPISODE_METRICS
 from orchid_uav.experiments.configuration import RunConfig
 from orchid_uav.experiments.errors import InputError
-from orchid_uav.experiments.files import write_atomically, write_json
+from orchid_uav.experiments.files import json_bytes, write_atomically, write_json
 from orchid_uav.experiments.provenance import describe_host, describe_process, describe_versions
+from orchid_uav.experiments.run_lock import RunLock
+from orchid_uav.experiments.run_records import (
+    CONFIG_FILE,
+    EPISODES_FILE,
+    RECORD_FILE,
+    Status,
+    read_config,
+    read_record,
+)
 
-Status = Literal["running", "completed", "failed", "interrupted"]
 Row = dict[str, float]
 
 SCHEMA = 1
@@ -38,6 +48,8 @@ _WHOLE_NUMBERS = frozenset(
 )
 FINAL_EPISODES = 50
 """Last episodes whose means are a run's final figures."""
+_RESERVE_FILE, _RESERVE_SIZE = ".reserve", 2**16
+_LARGEST_LOG = 2**30
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 _TRIES = 100
 
@@ -53,7 +65,9 @@ class RunDirectory:
     def __init__(self, path: Path, record: dict[str, Any]) -> None:
         self.path = path
         self.record = record
+        self.is_resumed = False
         self._episodes_size = 0
+        self._lock = RunLock(path)
 
     @classmethod
     def create(
@@ -79,30 +93,27 @@ class RunDirectory:
             raise InputError(
                 f"cannot make a run directory in {runs_dir}: {error.strerror or error}"
             ) from error
-        run = cls(
-            path,
-            {
-                "schema": SCHEMA,
-                "id": path.name,
-                "name": name,
-                "status": "running",
-                "command": list(command),
-                "versions": describe_versions(),
-                "host": describe_host(),
-                **describe_process(),
-                "started": started.isoformat(timespec="seconds"),
-                "finished": None,
-                "seconds": None,
-                "episodes": 0,
-                "reset_episodes": [],
-                "final": {},
-                "error": None,
-            },
-        )
         try:
-            write_json(path / "config.json", config.model_dump(mode="json"))
+            run = cls(
+                path,
+                {
+                    "schema": SCHEMA,
+                    "id": path.name,
+                    "name": name,
+                    "command": list(command),
+                    "versions": describe_versions(),
+                    "host": describe_host(),
+                    "started": started.isoformat(timespec="seconds"),
+                    "seconds": 0.0,
+                    "episodes": 0,
+                    "reset_episodes": [],
+                    "final": {},
+                    "resumed": [],
+                },
+            )
+            run.record["config_sha256"] = run._write_config(config)
             run.append_episodes([])
-            run._save()
+            run._begin()
         except BaseException as error:
             shutil.rmtree(path, ignore_errors=True)
             if isinstance(error, OSError):
@@ -110,10 +121,70 @@ class RunDirectory:
             raise
         return run
 
+    @classmethod
+    def reopen(cls, path: Path, config: RunConfig, command: Sequence[str]) -> "RunDirectory":
+        """Go on with a run that was interrupted, failed or died, or that is to be extended.
+
+        Args:
+            path: its directory.
+            config: its configuration, with more episodes perhaps.
+            command: how it is resumed.
+
+        Raises:
+            InputError: another process writes it, it is damaged, or it cannot be written.
+        """
+        run = cls(path, {})
+        try:
+            run.record = read_record(path)
+            if read_config(path, run.record) != config:
+                run._replace_config(config)
+            run.is_resumed = True
+            run.record["resumed"] = [
+                *run.record["resumed"],
+                {
+                    "time": f"{datetime.now(UTC).isoformat(timespec='seconds')}",
+                    "command": list(command),
+                    "versions": describe_versions(),
+                    "host": describe_host()["name"],
+                },
+            ]
+            run._begin()
+        except OSError as error:
+            run._lock.release()
+            raise InputError(f"cannot write to {path}: {error.strerror or error}") from error
+        except BaseException:
+            run._lock.release()
+            raise
+        return run
+
+    def _begin(self) -> None:
+        self.record |= {
+            "status": "running",
+            **describe_process(),
+            "finished": None,
+            "error": None,
+        }
+        # Room for the last word of a run that fails because the disk is full.
+        (self.path / _RESERVE_FILE).write_bytes(b"." * _RESERVE_SIZE)
+        self._save()
+
+    def _write_config(self, config: RunConfig) -> str:
+        content = json_bytes(config.model_dump(mode="json"))
+        write_atomically(self.path / CONFIG_FILE, content)
+        return hashlib.sha256(content).hexdigest()
+
+    def _replace_config(self, config: RunConfig) -> None:
+        """In an order that leaves no moment at which record and configuration do not fit."""
+        content = json_bytes(config.model_dump(mode="json"))
+        self.record["next_config_sha256"] = hashlib.sha256(content).hexdigest()
+        self._save()
+        self.record["config_sha256"] = self._write_config(config)
+        del self.record["next_config_sha256"]
+
     @property
     def id(self) -> str:
-        """The run's id, which is the directory's name."""
-        return self.path.name
+        """The run's id, which the directory was named by."""
+        return str(self.record["id"])
 
     def append_episodes(self, rows: Iterable[Mapping[str, float]]) -> None:
         """Add rows to ``episodes.csv``, all or, if the disk is full, none of them."""
@@ -125,7 +196,7 @@ class RunDirectory:
             writer.writerow(_formatted(row))
         content = text.getvalue().encode()
         # Unbuffered: what a failed write leaves in a buffer would be written at closing after all.
-        with (self.path / "episodes.csv").open("ab", buffering=0) as file:
+        with (self.path / EPISODES_FILE).open("ab", buffering=0) as file:
             try:
                 written = 0
                 while written < len(content):
@@ -134,6 +205,33 @@ class RunDirectory:
                 os.truncate(file.fileno(), self._episodes_size)
                 raise
         self._episodes_size += len(content)
+
+    def keep_episodes(self, size: int, checksum: str) -> list[Row]:
+        """Forget the episodes behind the first ``size`` bytes of the log; the rows that stay.
+
+        Args:
+            size: of the part that stays, 0 for none.
+            checksum: its SHA-256.
+
+        Raises:
+            ValueError: the log is damaged.
+        """
+        path = self.path / EPISODES_FILE
+        content = read_bytes(path, max(_LARGEST_LOG, 2 * size)) if path.is_file() else b""
+        if size and hashlib.sha256(content[:size]).hexdigest() != checksum:
+            raise ValueError(f"{path} is not what was written")
+        write_atomically(path, content[:size])
+        self._episodes_size = size
+        if not size:
+            self.append_episodes([])
+        return read_episodes(path)
+
+    def sync_episodes(self) -> tuple[int, str]:
+        """Have the log on the disk; its size and SHA-256."""
+        with (self.path / EPISODES_FILE).open("rb") as file:
+            os.fsync(file.fileno())
+            content = file.read(self._episodes_size)
+        return self._episodes_size, hashlib.sha256(content).hexdigest()
 
     def write_policy(self, files: Mapping[str, bytes]) -> None:
         """Write the policy's files, weights first."""
@@ -158,10 +256,12 @@ class RunDirectory:
             "final": final_figures(rows),
             "error": error,
         }
+        (self.path / _RESERVE_FILE).unlink(missing_ok=True)
         self._save()
+        self._lock.release()
 
     def _save(self) -> None:
-        write_json(self.path / "run.json", self.record)
+        write_json(self.path / RECORD_FILE, sealed(self.record))
 
 
 def final_figures(rows: Sequence[Row]) -> dict[str, float | None]:

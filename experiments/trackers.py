@@ -22,6 +22,9 @@ Figures = Mapping[str, float]
 class Tracker(Protocol):
     """What an exporter does."""
 
+    def resume(self, episodes: int) -> None:
+        """The run goes on behind so many episodes, which another process logged."""
+
     def log(self, episode: int, figures: Figures) -> None:
         """Take an episode's figures."""
 
@@ -37,14 +40,19 @@ class TensorBoardTracker:
     """
 
     def __init__(self, directory: Path) -> None:
-        from tensorboard.compat.proto.event_pb2 import Event
+        from tensorboard.compat.proto.event_pb2 import Event, SessionLog
         from tensorboard.compat.proto.summary_pb2 import Summary
         from tensorboard.summary.writer.record_writer import RecordWriter
 
         self._event, self._summary = Event, Summary
+        self._start = SessionLog(status=SessionLog.START)
         name = f"events.out.tfevents.{int(time.time())}.{platform.node()}.{os.getpid()}"
         self._records = RecordWriter((directory / name).open("wb"))
         self._write(file_version="brain.Event:2")
+
+    def resume(self, episodes: int) -> None:
+        """Have TensorBoard forget what an earlier process logged of later episodes."""
+        self._write(step=episodes + 1, session_log=self._start)
 
     def log(self, episode: int, figures: Figures) -> None:
         """Write the figures under the episode's number."""
@@ -74,6 +82,9 @@ class MlflowTracker:
         mlflow.start_run(run_name=run_id)
         mlflow.log_params(flatten(config))
 
+    def resume(self, episodes: int) -> None:
+        """Nothing: a resumed run is a run of its own in MLflow, with the same name."""
+
     def log(self, episode: int, figures: Figures) -> None:
         """One batch per episode."""
         self._mlflow.log_metrics(dict(figures), step=episode)
@@ -92,6 +103,9 @@ class TrackioTracker:
 
         self._trackio = trackio
         trackio.init(project="orchid", name=run_id, config=flatten(config))
+
+    def resume(self, episodes: int) -> None:
+        """Nothing: a resumed run is a run of its own in trackio."""
 
     def log(self, episode: int, figures: Figures) -> None:
         """One record per episode."""
@@ -148,6 +162,10 @@ class SafeTracker:
     def __init__(self, name: str, tracker: Tracker | None) -> None:
         self._name = name
         self._tracker = tracker
+
+    def resume(self, episodes: int) -> None:
+        """The run goes on behind so many episodes."""
+        self._try(lambda tracker: tracker.resume(episodes))
 
     def log(self, episode: int, figures: Figures) -> None:
         """Take an episode's figures."""

@@ -9,38 +9,52 @@ from typing import Any, Protocol
 
 import numpy as np
 import torch
-from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Logger
 
 from orchid_uav.agents.actor import policy_files
 from orchid_uav.agents.maddpg import MADDPG
 from orchid_uav.agents.mappo import MAPPO
 from orchid_uav.callbacks import (
+    Checkpoints,
+    EpisodeCallback,
     EpisodeLog,
     ProgressSchedules,
     ResetAndFinetune,
-    StopOnRequest,
 )
 from orchid_uav.envs.arrays import ACTION_SIZE
 from orchid_uav.envs.vector import FleetVecEnv
+from orchid_uav.experiments.checkpoints import STATE_ERRORS, CheckpointStore
 from orchid_uav.experiments.configuration import RunConfig
-from orchid_uav.experiments.errors import RunFailedError
+from orchid_uav.experiments.errors import InputError, RunFailedError
 from orchid_uav.experiments.interruption import Interruption, interruption_requests
-from orchid_uav.experiments.run_directory import Row, RunDirectory, Status, final_figures
+from orchid_uav.experiments.run_directory import Row, RunDirectory, final_figures
+from orchid_uav.experiments.run_records import Status
 from orchid_uav.experiments.trackers import SafeTracker
+from orchid_uav.experiments.training_state import Training
 
 _LONGEST_REASON = 300
+_RANDOM_RESETS = 1
+"""Tells the generator of reset episodes from all others of a seed."""
 _ESCAPE_CODE = re.compile(r"\x1b\[[0-9;]*m")  # numba colours its messages
 
 
 class Reporter(Protocol):
     """Shows a run while it goes on."""
 
-    def begin(self, run: RunDirectory, config: RunConfig) -> None:
-        """The learning loop is about to begin."""
+    def begin(
+        self,
+        run: RunDirectory,
+        config: RunConfig,
+        rows: Sequence[Row],
+        reset_episodes: Sequence[int],
+    ) -> None:
+        """The learning loop is about to begin, or to go on behind the rows of before."""
 
     def show(self, rows: Sequence[Row], reset_episodes: Sequence[int]) -> None:
         """New episodes have been learned from."""
+
+    def warn(self, message: str) -> None:
+        """Something that the user should know, and that the run survives."""
 
     def end(self) -> None:
         """The learning loop has ended."""
@@ -53,7 +67,7 @@ class TrainingOutcome:
     run: RunDirectory
     status: Status = "running"
     seconds: float = 0.0
-    """Of the learning loop, after imports and compilation."""
+    """Of the learning loop, after imports and compilation, before the run was resumed as well."""
     rows: list[Row] = field(default_factory=list)
     reset_episodes: list[int] = field(default_factory=list)
 
@@ -137,9 +151,31 @@ def _build_maddpg(config: RunConfig, env: FleetVecEnv) -> MADDPG:
 
 def build_reset_and_finetune(config: RunConfig) -> ResetAndFinetune | None:
     """The callback of a configuration, None with ``--no-rf``."""
-    if not config.reset.enabled:
+    reset = config.reset
+    if not reset.enabled:
         return None
-    return ResetAndFinetune(**config.reset.model_dump(exclude={"enabled"}))
+    return ResetAndFinetune(
+        window=reset.window,
+        tolerance_jfi=reset.tolerance_jfi,
+        tolerance_reward=reset.tolerance_reward,
+        kappa=reset.kappa,
+        max_resets=reset.max_resets,
+        at_episodes=_random_episodes(config) if reset.trigger == "random" else None,
+        clear_optimizer=reset.clear_optimizer,
+    )
+
+
+def _random_episodes(config: RunConfig) -> list[int]:
+    """Episodes at which a plateau could be seen, and after which there is something to learn."""
+    first, last = 2 * config.reset.window, _schedule_episodes(config) - 1
+    choices = np.arange(first, last + 1)
+    generator = np.random.default_rng([config.training.seed, _RANDOM_RESETS])
+    count = min(config.reset.max_resets, len(choices))
+    return sorted(generator.choice(choices, count, replace=False).tolist())
+
+
+def _schedule_episodes(config: RunConfig) -> int:
+    return config.training.schedule_episodes or config.training.episodes
 
 
 def set_up_torch(threads: int) -> None:
@@ -168,16 +204,19 @@ def train(
 ) -> TrainingOutcome:
     """Train to the end, or until ctrl-C or SIGTERM, and leave a complete run directory.
 
+    A run that was reopened goes on from its latest checkpoint that is not damaged, or from its
+    beginning where there is none, and becomes the run that it would have been.
+
     Args:
         config: what to train.
-        run: the run's directory, newly made.
+        run: the run's directory, newly made or reopened.
         reporter: shows the run.
         trackers: exporters of its figures.
         interruption: of a caller who notes signals already; by default they are noted here.
 
     Raises:
         RunFailedError: training could not go on; the run's status is "failed".
-        KeyboardInterrupt: a second ctrl-C, which does not wait for an update or a policy file.
+        KeyboardInterrupt: a second ctrl-C, which does not wait for an update or a checkpoint.
     """
     outcome = TrainingOutcome(run)
     try:
@@ -197,8 +236,10 @@ def train(
         # A full disk may be the very failure, and then this cannot be recorded either.
         with suppress(OSError):
             outcome.finish("failed", reason)
+        latest = CheckpointStore(run.path, run.id, config.checkpoint.keep).episodes()
+        kept = f"the checkpoint of episode {latest[0]} is kept" if latest else "no checkpoint yet"
         raise RunFailedError(
-            f"run {run.id} failed after {len(outcome.rows)} episodes: {reason}"
+            f"run {run.id} failed after {len(outcome.rows)} episodes: {reason} ({kept})"
         ) from error
     finally:
         for tracker in trackers:
@@ -220,14 +261,16 @@ def _learn(
     interruption: Interruption,
 ) -> MAPPO | MADDPG:
     set_up_torch(config.training.threads)
+    run = outcome.run
     env = FleetVecEnv(config.network_parameters, config.training.worlds, config.training.seed)
     _compile(env)
     model = build_model(config, env)  # seeds the environment anew
     model.set_logger(Logger(folder=None, output_formats=[]))
     reset_and_finetune = build_reset_and_finetune(config)
+    checkpoints = CheckpointStore(run.path, run.id, config.checkpoint.keep)
 
     def take(rows: Sequence[Row]) -> None:
-        outcome.run.append_episodes(rows)
+        run.append_episodes(rows)
         outcome.rows += rows
         if reset_and_finetune is not None:
             outcome.reset_episodes = reset_and_finetune.reset_episodes
@@ -237,28 +280,62 @@ def _learn(
                 tracker.log(int(row["episode"]), figures)
         reporter.show(rows, outcome.reset_episodes)
 
-    callbacks: list[BaseCallback] = [
+    def save(episodes_done: int) -> None:
+        checkpoints.save(episodes_done, training.state(), run.sync_episodes())
+
+    callbacks: list[EpisodeCallback] = [
         EpisodeLog(take, reset_and_finetune),
         ProgressSchedules(
-            config.training.episodes, None if _is_maddpg(config) else config.ppo.entropy_coef
+            _schedule_episodes(config),
+            None if _is_maddpg(config) else config.ppo.entropy_coef,
+            config.training.final_learning_rate_scale,
         ),
-        StopOnRequest(lambda: interruption.requested),
+        Checkpoints(config.checkpoint.every_episodes, save, lambda: interruption.requested),
     ]
     if reset_and_finetune is not None:
         callbacks.insert(0, reset_and_finetune)
+    training = Training(model, env, callbacks)
+    if run.is_resumed:
+        outcome.rows = _go_back(training, checkpoints, run, reporter)
+        if reset_and_finetune is not None:
+            outcome.reset_episodes = reset_and_finetune.reset_episodes
+        outcome.seconds = float(run.record["seconds"] or 0.0)
+        for tracker in trackers:
+            tracker.resume(len(outcome.rows))
     rows_per_episode = config.network.episode_slots * env.agents_per_world
-    reporter.begin(outcome.run, config)
-    started = time.perf_counter()
+    reporter.begin(run, config, outcome.rows, outcome.reset_episodes)
+    started = time.perf_counter() - outcome.seconds
     try:
         model.learn(
-            config.training.episodes * rows_per_episode,
-            callback=callbacks,
+            config.training.episodes * rows_per_episode - model.num_timesteps,
+            callback=list(callbacks),
             log_interval=None,  # type: ignore[arg-type]  # EpisodeLog takes the figures instead
+            reset_num_timesteps=False,
         )
     finally:
         outcome.seconds = time.perf_counter() - started
         reporter.end()
     return model
+
+
+def _go_back(
+    training: Training, checkpoints: CheckpointStore, run: RunDirectory, reporter: Reporter
+) -> list[Row]:
+    """Restore the latest checkpoint that is whole; the rows of the episodes up to it."""
+    for episode in checkpoints.episodes():
+        try:
+            state = checkpoints.read(episode, training.kinds)
+            rows = run.keep_episodes(state.document["log_size"], state.document["log_sha256"])
+            training.restore(state)
+        except (InputError, *STATE_ERRORS) as error:
+            reporter.warn(f"checkpoint {episode} cannot be used: {_in_one_line(error)}")
+            continue
+        checkpoints.forget_later_than(episode)
+        return rows
+    if checkpoints.episodes():
+        raise RunFailedError("none of the checkpoints can be used")
+    run.keep_episodes(0, "")
+    return []
 
 
 def _figures(row: Row, learner: Mapping[str, Any]) -> dict[str, float]:

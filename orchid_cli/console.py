@@ -48,6 +48,16 @@ def print_error(message: str) -> None:
     )
 
 
+def print_warning(message: str) -> None:
+    """One warning on stderr."""
+    print_line(console(stderr=True), f"warning: {message}")
+
+
+def print_note(message: str) -> None:
+    """One note on stderr."""
+    print_line(console(stderr=True), f"note: {message}")
+
+
 def print_table(out: Console, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """A table on a terminal, where long cells are folded, and tab-separated lines elsewhere."""
     if not out.is_terminal:

@@ -15,7 +15,7 @@ from rich.progress import (
 )
 from rich.table import Table
 
-from orchid_uav.cli.console import print_line
+from orchid_uav.cli.console import print_line, print_warning
 from orchid_uav.experiments.configuration import RunConfig
 from orchid_uav.experiments.run_directory import FINAL_EPISODES, Row, RunDirectory
 
@@ -34,14 +34,28 @@ def figure_texts(figures: Row) -> dict[str, str]:
     }
 
 
+def _behind(rows: Sequence[Row]) -> str:
+    return f", going on behind episode {len(rows)}" if rows else ""
+
+
 class SilentReporter:
     """Shows nothing."""
 
-    def begin(self, run: RunDirectory, config: RunConfig) -> None:
+    def begin(
+        self,
+        run: RunDirectory,
+        config: RunConfig,
+        rows: Sequence[Row],
+        reset_episodes: Sequence[int],
+    ) -> None:
         """Nothing."""
 
     def show(self, rows: Sequence[Row], reset_episodes: Sequence[int]) -> None:
         """Nothing."""
+
+    def warn(self, message: str) -> None:
+        """Say it all the same, on stderr."""
+        print_warning(message)
 
     def end(self) -> None:
         """Nothing."""
@@ -50,15 +64,18 @@ class SilentReporter:
 class _RunningFigures:
     """What both displays know of the run."""
 
-    def __init__(self, config: RunConfig) -> None:
+    def __init__(
+        self, config: RunConfig, rows: Sequence[Row], reset_episodes: Sequence[int]
+    ) -> None:
         self.config = config
-        self.rows: list[Row] = []
-        self.resets: Sequence[int] = []
+        self.rows = list(rows)
+        self.resets = list(reset_episodes)
+        self._rows_before = len(rows)
         self._began = time.monotonic()
 
     def add(self, rows: Sequence[Row], reset_episodes: Sequence[int]) -> None:
         self.rows += rows
-        self.resets = reset_episodes
+        self.resets = list(reset_episodes)
 
     @property
     def elapsed_s(self) -> float:
@@ -67,13 +84,18 @@ class _RunningFigures:
     @property
     def steps_per_s(self) -> float:
         """Slots flown per second, those of all worlds together."""
-        slots = len(self.rows) * self.config.network.episode_slots
+        slots = self._new_rows * self.config.network.episode_slots
         return slots / max(self.elapsed_s, 1e-9)
 
     @property
     def remaining_s(self) -> float:
         left = self.config.training.episodes - len(self.rows)
-        return left * self.elapsed_s / max(len(self.rows), 1)
+        return left * self.elapsed_s / max(self._new_rows, 1)
+
+    @property
+    def _new_rows(self) -> int:
+        """Since the run was resumed."""
+        return len(self.rows) - self._rows_before
 
     def recent_means(self) -> Row:
         recent = self.rows[-FINAL_EPISODES:]
@@ -98,11 +120,17 @@ class LineReporter:
     def __init__(self, out: Console) -> None:
         self._out = out
 
-    def begin(self, run: RunDirectory, config: RunConfig) -> None:
+    def begin(
+        self,
+        run: RunDirectory,
+        config: RunConfig,
+        rows: Sequence[Row],
+        reset_episodes: Sequence[int],
+    ) -> None:
         """Say where the run is."""
-        self._figures = _RunningFigures(config)
+        self._figures = _RunningFigures(config, rows, reset_episodes)
         self._last_line_s = -_SECONDS_BETWEEN_LINES
-        print_line(self._out, f"run {run.id} in {run.path}")
+        print_line(self._out, f"run {run.id} in {run.path}{_behind(rows)}")
 
     def show(self, rows: Sequence[Row], reset_episodes: Sequence[int]) -> None:
         """Print a line if one is due."""
@@ -118,6 +146,10 @@ class LineReporter:
         if is_last or self._figures.elapsed_s - self._last_line_s >= _SECONDS_BETWEEN_LINES:
             self._last_line_s = self._figures.elapsed_s
             print_line(self._out, self._line())
+
+    def warn(self, message: str) -> None:
+        """On stderr."""
+        print_warning(message)
 
     def _line(self) -> str:
         figures = self._figures
@@ -141,9 +173,15 @@ class LiveReporter:
             out, "getting ready; a first run compiles the simulator, for ten to twenty seconds"
         )
 
-    def begin(self, run: RunDirectory, config: RunConfig) -> None:
+    def begin(
+        self,
+        run: RunDirectory,
+        config: RunConfig,
+        rows: Sequence[Row],
+        reset_episodes: Sequence[int],
+    ) -> None:
         """Open the display."""
-        self._figures = _RunningFigures(config)
+        self._figures = _RunningFigures(config, rows, reset_episodes)
         self._progress = Progress(
             TextColumn("[bold]episode"),
             MofNCompleteColumn(),
@@ -155,8 +193,10 @@ class LiveReporter:
             console=self._out,
             expand=True,
         )
-        self._task = self._progress.add_task("", total=config.training.episodes)
-        print_line(self._out, f"run {run.id}")
+        self._task = self._progress.add_task(
+            "", total=config.training.episodes, completed=len(rows)
+        )
+        print_line(self._out, f"run {run.id}{_behind(rows)}")
         self._live = Live(self._progress, console=self._out, refresh_per_second=2)
         self._live.start()
 
@@ -165,6 +205,10 @@ class LiveReporter:
         self._figures.add(rows, list(reset_episodes))
         self._progress.update(self._task, completed=len(self._figures.rows))
         self._live.update(Group(self._progress, self._table()))
+
+    def warn(self, message: str) -> None:
+        """Above the display."""
+        print_warning(message)
 
     def _table(self) -> Table:
         figures = self._figures

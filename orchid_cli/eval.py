@@ -131,6 +131,7 @@ def evaluate(
             rows = [[key, idea] for key, idea in ideas().items()]
             print_table(console(), ["method", "what it is"], rows)
             return
+        from orchid_uav.cli.evaluation_display import evaluation_progress
         from orchid_uav.experiments.evaluation_files import (
             describe_plan,
             make_default_directory,
@@ -139,7 +140,8 @@ def evaluate(
             run_evaluation,
         )
         from orchid_uav.experiments.files import expanded
-        from orchid_uav.experiments.methods import find_run, select
+        from orchid_uav.experiments.methods import select
+        from orchid_uav.experiments.run_records import find_run
 
         world = _world(config, assignments or [])
         settings = _settings(world, distribution, uavs, users, speeds, heading_hold)
@@ -158,7 +160,7 @@ def evaluate(
         reserve_directory(directory)
         command = ["orchid", *context.obj]
         with stdout_for_json_alone(as_json):
-            progress = _progress(shown, quiet)
+            progress = evaluation_progress(shown, quiet)
             document = run_evaluation(
                 plan, description, directory, command, flown, progress, figures
             )
@@ -294,13 +296,3 @@ def _tell_differences(plan: "Plan", world: "RunConfig") -> None:
                     console(stderr=True),
                     f"note: {entry.key} was trained in another world: {', '.join(differing)}",
                 )
-
-
-def _progress(out: Console, quiet: bool) -> Any:
-    from orchid_uav.cli.evaluation_display import LineProgress, LiveProgress
-    from orchid_uav.experiments.evaluation import SilentProgress
-
-    if quiet:
-        return SilentProgress()
-    has_cursor = out.is_terminal and not out.is_dumb_terminal
-    return LiveProgress(out) if has_cursor else LineProgress(out)

@@ -12,12 +12,21 @@ from rich.progress import (
 )
 
 from orchid_uav.cli.console import print_line
-from orchid_uav.experiments.evaluation import Flight, describe
+from orchid_uav.experiments.evaluation import Flight, SilentProgress, describe
+from orchid_uav.experiments.evaluation import Progress as FlightProgress
 from orchid_uav.experiments.metrics import label_of
 
 _SECONDS_BETWEEN_LINES = 5.0
 _LEAST_SHARE = 0.02
 _NEXT = "summarising ..."
+
+
+def evaluation_progress(out: Console, quiet: bool) -> FlightProgress:
+    """The display that suits a console."""
+    if quiet:
+        return SilentProgress()
+    has_cursor = out.is_terminal and not out.is_dumb_terminal
+    return LiveProgress(out) if has_cursor else LineProgress(out)
 
 
 def _describe(flight: Flight) -> str:

@@ -9,7 +9,8 @@ from typing import Annotated
 import typer
 
 from orchid_uav import __version__
-from orchid_uav.cli import config
+from orchid_uav.cli import config, runs
+from orchid_uav.cli.ablate import ablate
 from orchid_uav.cli.console import FAILED, INTERRUPTED, WRONG_INPUT, print_error
 from orchid_uav.cli.eval import evaluate
 from orchid_uav.cli.train import train
@@ -22,7 +23,9 @@ app = typer.Typer(
 )
 app.command()(train)
 app.command("eval")(evaluate)
+app.command()(ablate)
 app.add_typer(config.app, name="config")
+app.add_typer(runs.app, name="runs")
 
 # The class of all of Typer's own complaints about a command line, which it does not export.
 _UsageError: type[Exception] = typer.BadParameter.__mro__[1]

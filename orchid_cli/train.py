@@ -1,13 +1,16 @@
 """``orchid train``."""
 
 import json
+import shlex
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
 
 from orchid_uav.cli.configuring import (
+    FLAGS,
     AlgorithmOption,
     ConfigOption,
     DistributionOption,
@@ -34,12 +37,34 @@ from orchid_uav.cli.console import (
     console,
     failing_well,
     print_line,
+    print_note,
     print_table,
     stdout_for_json_alone,
+)
+from orchid_uav.experiments.configuration import RunConfig
+from orchid_uav.experiments.errors import InputError, RunFailedError
+from orchid_uav.experiments.provenance import describe_versions
+from orchid_uav.experiments.run_records import (
+    DEFAULT_RUNS_DIR,
+    find_run,
+    read_config,
+    read_record,
+    resume_command,
+    status_of,
 )
 
 if TYPE_CHECKING:
     from orchid_uav.experiments.training import Reporter, TrainingOutcome
+
+_OF_NEW_RUNS = {
+    "--preset": "preset",
+    "--config": "config",
+    "--set": "assignments",
+    "--no-rf": "no_rf",
+    "--name": "name",
+    **{f"--{name}": name for name in FLAGS if name != "episodes"},
+}
+"""Options that make up a new run, and the parameters that hold them."""
 
 
 def train(
@@ -69,7 +94,16 @@ def train(
             help="Where run directories are made.",
             rich_help_panel=OUTPUT_PANEL,
         ),
-    ] = Path("runs"),
+    ] = DEFAULT_RUNS_DIR,
+    resume: Annotated[
+        str | None,
+        typer.Option(
+            metavar="RUN",
+            help="Go on with a run that stopped or died; with more --episodes, extend it.",
+            rich_help_panel=OUTPUT_PANEL,
+            show_default=False,
+        ),
+    ] = None,
     track: Annotated[
         list[str] | None,
         typer.Option(
@@ -84,20 +118,18 @@ def train(
 ) -> None:
     """Train one run: by default the paper's, 700 episodes of 200 slots with 6 UAVs.
 
-    Ctrl-C ends it at the next step, after the update that may be due, and keeps what is done.
+    Ctrl-C ends it after the update that follows; --resume goes on, and the run becomes the one that
+    it would have been, bit for bit.
 
     Example: orchid train --uavs 8 --objective pf --no-rf --seed 3 --name pf-8
     """
     with failing_well(debug):
-        merged, _ = configuration(context)
         out = console(stderr=as_json)
-        if merged.reset.enabled and 2 * merged.reset.window >= merged.training.episodes:
-            console(stderr=True).print(
-                f"note: Reset-and-Finetune cannot help here: it waits for two windows of "
-                f"{merged.reset.window} episodes, and there are {merged.training.episodes}"
-            )
-        if kappa is not None and not merged.reset.enabled:
-            console(stderr=True).print("note: --kappa has no effect: Reset-and-Finetune is off")
+        if resume is None:
+            merged, _ = configuration(context)
+            _note_idle_flags(merged, kappa)
+        else:
+            path, merged = _continuation(context, find_run(resume, runs_dir.expanduser()))
         # torch and SB3 take seconds to import: not before the input is known to be right.
         from orchid_uav.experiments import trackers
         from orchid_uav.experiments.interruption import interruption_requests
@@ -109,15 +141,88 @@ def train(
             trackers.check_tracker(tracker)
         with interruption_requests() as interruption, stdout_for_json_alone(as_json):
             command = ["orchid", *context.obj]
-            run = RunDirectory.create(runs_dir.expanduser(), name, merged, command)
+            if resume is None:
+                run = RunDirectory.create(runs_dir.expanduser(), name, merged, command)
+            else:
+                run = RunDirectory.reopen(path, merged, command)
             opened = [trackers.open_tracker(tracker, run.path, merged) for tracker in wanted]
-            outcome = run_training(merged, run, _reporter(out, quiet), opened, interruption)
+            try:
+                outcome = run_training(merged, run, _reporter(out, quiet), opened, interruption)
+            except RunFailedError:
+                _print_continuation(run.path)
+                raise
+            except KeyboardInterrupt:
+                _print_continuation(run.path)
+                raise
         if as_json:
             print(json.dumps(outcome.summary(), allow_nan=False))
         else:
             _print_outcome(out, outcome)
         if outcome.status == "interrupted":
+            _print_continuation(run.path)
             raise typer.Exit(INTERRUPTED)
+
+
+def _note_idle_flags(config: RunConfig, kappa: float | None) -> None:
+    if config.reset.enabled and 2 * config.reset.window >= config.training.episodes:
+        print_note(
+            f"Reset-and-Finetune cannot help here: it waits for two windows of "
+            f"{config.reset.window} episodes, and there are {config.training.episodes}"
+        )
+    if kappa is not None and not config.reset.enabled:
+        print_note("--kappa has no effect: Reset-and-Finetune is off")
+
+
+def _continuation(context: typer.Context, path: Path) -> tuple[Path, RunConfig]:
+    """The run that is to go on, and its configuration, with more episodes perhaps."""
+    given = [
+        option
+        for option, parameter in _OF_NEW_RUNS.items()
+        if getattr(context.get_parameter_source(parameter), "name", "") == "COMMANDLINE"
+    ]
+    if given:
+        raise InputError(
+            f"--resume goes on with the run's own configuration, so {', '.join(given)} cannot be "
+            f"given; --episodes can"
+        )
+    record = read_record(path)
+    config = read_config(path, record)
+    status, episodes = status_of(path, record), context.params["episodes"]
+    planned = config.training.episodes
+    if status == "running":
+        raise InputError(f"run {record['id']} is still running")
+    if episodes is not None and episodes < planned:
+        raise InputError(f"--episodes {episodes} is fewer than the {planned} that were planned")
+    if status == "completed" and episodes in (None, planned):
+        raise InputError(
+            f"run {record['id']} is complete: with --episodes above {planned} it is extended"
+        )
+    if episodes is not None and episodes > planned:
+        extended = config.extended_to(episodes)
+        print_note(
+            f"extended from {planned} to {episodes} episodes: reward weights, entropy coefficient "
+            f"and any decay of the rates stay as they are from episode "
+            f"{extended.training.schedule_episodes} on, so that this is not the run that "
+            f"{episodes} episodes from the beginning would have been"
+        )
+        config = extended
+    _note_other_versions(record)
+    return path, config
+
+
+def _note_other_versions(record: Mapping[str, Any]) -> None:
+    now = describe_versions()
+    changed = [
+        f"{name} {record['versions'].get(name)} -> {version}"
+        for name, version in now.items()
+        if record["versions"].get(name) != version
+    ]
+    if changed:
+        print_note(f"the run began with other versions: {', '.join(changed)}")
+
+
+def _print_continuation(path: Path) -> None:
+    print_line(console(stderr=True), f"this goes on: {shlex.join(resume_command(path))}")
 
 
 def _reporter(out: Console, quiet: bool) -> "Reporter":

@@ -17,7 +17,8 @@ from orchid_uav.envs import EPISODE_METRICS, Parameters, WorldBatch, evaluation_
 from orchid_uav.experiments import evaluation, evaluation_files
 from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.evaluation import Plan, Setting, evaluate, summarise_flights
-from orchid_uav.experiments.methods import find_run, known_methods, read_run, rules, select
+from orchid_uav.experiments.methods import known_methods, read_run, rules, select
+from orchid_uav.experiments.run_records import find_run
 from orchid_uav.experiments.metrics import EPISODE_FIGURES, HEADROOM, METRICS
 from tests.running import ESCAPE, TINY_FLAGS, assert_is_an_error
 

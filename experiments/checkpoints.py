@@ -1,0 +1,146 @@
+"""``checkpoints/<episode>/`` of a run directory: written whole, checked before they are used."""
+
+import hashlib
+import os
+import shutil
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from safetensors.numpy import save
+
+from orchid_uav.agents.safe_files import TensorKind, read_sealed, read_tensors, sealed
+from orchid_uav.experiments.errors import InputError
+from orchid_uav.experiments.files import json_bytes, sync_directory
+from orchid_uav.experiments.training_state import TrainingState
+
+CHECKPOINTS_FOLDER = "checkpoints"
+STATE_FILE = "state.json"
+_SCHEMA = 1
+_LARGEST_STATE = 64 * 2**20
+
+Kinds = dict[str, dict[str, TensorKind]]
+
+
+class CheckpointStore:
+    """The checkpoints of a run, at most ``keep`` of them.
+
+    Args:
+        run: the run's directory.
+        run_id: the run's id, which every checkpoint names.
+        keep: latest checkpoints that stay.
+    """
+
+    def __init__(self, run: Path, run_id: str, keep: int) -> None:
+        self.folder = run / CHECKPOINTS_FOLDER
+        self._run_id = run_id
+        self._keep = keep
+
+    def episodes(self) -> list[int]:
+        """After which episodes there is one, latest first."""
+        if not self.folder.is_dir():
+            return []
+        found = [path.name for path in self.folder.iterdir() if path.is_dir()]
+        return sorted((int(name) for name in found if name.isdecimal()), reverse=True)
+
+    def save(self, episode: int, state: TrainingState, log: tuple[int, str]) -> None:
+        """Write a checkpoint, in one step for whoever looks, and remove those too many.
+
+        Args:
+            episode: episodes done.
+            state: of the training.
+            log: size and SHA-256 of ``episodes.csv``.
+
+        Raises:
+            OSError: it cannot be written; the others are untouched.
+        """
+        self.folder.mkdir(exist_ok=True)
+        self._remove_leftovers()
+        unfinished = self.folder / f".{episode}.new"
+        try:
+            unfinished.mkdir()
+            checksums = {}
+            for name, tensors in state.tensors.items():
+                content = save(tensors)
+                checksums[name] = hashlib.sha256(content).hexdigest()
+                _write(unfinished / _file(name), content)
+            document = {
+                "schema": _SCHEMA,
+                "run": self._run_id,
+                "episode": episode,
+                "log_size": log[0],
+                "log_sha256": log[1],
+                "files_sha256": checksums,
+                **state.document,
+            }
+            _write(unfinished / STATE_FILE, json_bytes(sealed(document)))
+            sync_directory(unfinished)
+            self._put_in_place(unfinished, self.folder / str(episode))
+        except BaseException:
+            shutil.rmtree(unfinished, ignore_errors=True)
+            raise
+        for other in self.episodes()[self._keep :]:
+            shutil.rmtree(self.folder / str(other), ignore_errors=True)
+
+    def _put_in_place(self, unfinished: Path, place: Path) -> None:
+        if place.exists():
+            place.rename(self.folder / f".{place.name}.old")
+        unfinished.rename(place)
+        sync_directory(self.folder)
+        self._remove_leftovers()
+
+    def _remove_leftovers(self) -> None:
+        """What a process left that died while it wrote or removed."""
+        for path in self.folder.glob(".*"):
+            shutil.rmtree(path, ignore_errors=True)
+
+    def read(self, episode: int, kinds: Callable[[Mapping[str, Any]], Kinds]) -> TrainingState:
+        """A checkpoint as it was written.
+
+        Args:
+            episode: its number.
+            kinds: gives shapes and types of all tensors, by file and name, for a document.
+
+        Raises:
+            InputError: it is damaged, or belongs to something else.
+        """
+        directory = self.folder / str(episode)
+        try:
+            document = read_sealed(directory / STATE_FILE, _LARGEST_STATE)
+            named = document["schema"], document["run"], document["episode"]
+            if named != (_SCHEMA, self._run_id, episode):
+                raise ValueError(f"{directory} is checkpoint {named[2]} of run {named[1]}")
+            expected = kinds(document)
+            checksums = document["files_sha256"]
+            if set(checksums) != set(expected):
+                raise ValueError(f"{directory} has files for {', '.join(checksums)}")
+            tensors = {
+                name: read_tensors(directory / _file(name), wanted, checksums[name])
+                for name, wanted in expected.items()
+            }
+        except OSError as error:
+            raise InputError(f"cannot read {directory}: {error.strerror or error}") from error
+        except STATE_ERRORS as error:
+            raise InputError(f"checkpoint {episode} is damaged: {error}") from error
+        return TrainingState(document, tensors)
+
+    def forget_later_than(self, episode: int) -> None:
+        """Remove checkpoints behind one that the run goes on from."""
+        for other in self.episodes():
+            if other > episode:
+                shutil.rmtree(self.folder / str(other), ignore_errors=True)
+
+
+STATE_ERRORS = (LookupError, TypeError, ValueError, ArithmeticError, AttributeError, RuntimeError)
+"""What a state that belongs to something else may raise when it is looked at."""
+
+
+def _file(name: str) -> str:
+    return f"{name}.safetensors"
+
+
+def _write(path: Path, content: bytes) -> None:
+    with path.open("wb") as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())

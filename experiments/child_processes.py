@@ -1,0 +1,169 @@
+"""Processes of our own: started, asked to stop, killed, and why they ended."""
+
+import os
+import re
+import signal
+import subprocess
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
+
+JOB_ENVIRONMENT = {
+    "ORCHID_JOB": "1",
+    # On small networks one thread is fastest; what is parallel are the processes.
+    "OMP_NUM_THREADS": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+    "MKL_NUM_THREADS": "1",
+    "NUMBA_NUM_THREADS": "1",
+}
+"""Environment of a child. ``ORCHID_JOB`` tells it that the end of its standard input is the end of
+its parent."""
+
+_LONGEST_ERROR = 300
+_LOG_END_BYTES = 8192
+_ESCAPE_CODE = re.compile(r"\x1b(\[[0-9;?]*[ -/]*[@-~]|\][^\x07\x1b]*(\x07|\x1b\\)|.)")
+
+
+def usable_cores() -> int:
+    """Cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+@dataclass
+class StopRequests:
+    """What signals have asked for."""
+
+    is_asked: bool = False
+    is_urgent: bool = False
+
+
+@contextmanager
+def stop_requests() -> Iterator[StopRequests]:
+    """Note signals as ``interruption_requests`` does, but raise nothing, at the second one either.
+
+    An exception that came between the birth of a process and the note of it, or in the middle of
+    killing all, would leave one running.
+    """
+    stop = StopRequests()
+    urgent = (signal.SIGINT, signal.SIGTERM)
+
+    def note(signal_number: int, frame: FrameType | None) -> None:
+        # A closing terminal sends SIGHUP twice, by the shell and by the kernel: no hurry in that.
+        stop.is_urgent |= stop.is_asked and signal_number in urgent
+        stop.is_asked = True
+
+    if threading.current_thread() is not threading.main_thread():
+        yield stop
+        return
+    caught = [*urgent, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else [])]
+    # What the caller ignores (nohup, a shell's background job) stays ignored.
+    heeded = [number for number in caught if signal.getsignal(number) is not signal.SIG_IGN]
+    previous = {number: signal.signal(number, note) for number in heeded}
+    if hasattr(signal, "SIGCHLD"):  # where it is ignored, every exit code reads as 0
+        previous[signal.SIGCHLD] = signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+    try:
+        yield stop
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+
+
+@dataclass
+class Child:
+    """A process, in a session of its own: the terminal's ctrl-C does not reach it."""
+
+    process: subprocess.Popen[bytes]
+    log: Path
+    log_start: int
+    """Bytes that were in the log before."""
+    began_s: float
+    is_asked_to_stop: bool = False
+
+    @classmethod
+    def start(cls, command: Sequence[str], log: Path) -> "Child":
+        """Start a process with one thread per library, whose output is appended to a log.
+
+        Raises:
+            OSError: no such program, or a log that cannot be written.
+            ValueError: a command that no system can start.
+        """
+        log.parent.mkdir(parents=True, exist_ok=True)
+        with log.open("ab") as output:
+            log_start = output.seek(0, os.SEEK_END)
+            began_s = time.monotonic()
+            process = subprocess.Popen(
+                command,
+                bufsize=0,
+                stdin=subprocess.PIPE,  # held open until the process has ended
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                close_fds=True,  # or one child would hold the pipe of another
+                start_new_session=True,
+                env=os.environ | JOB_ENVIRONMENT,
+            )
+        return cls(process, log, log_start, began_s)
+
+    def stop(self) -> None:
+        """Ask it to save what it has: once, since a second time may mean at once."""
+        if not self.is_asked_to_stop:
+            self.is_asked_to_stop = True
+            self.process.terminate()
+
+    def kill(self) -> None:
+        """End it now, with all that it started itself."""
+        if self.process.poll() is None:
+            with suppress(ProcessLookupError, PermissionError):  # gone this moment
+                if hasattr(os, "killpg"):
+                    os.killpg(self.process.pid, signal.SIGKILL)
+                else:
+                    self.process.kill()
+
+    def close(self) -> None:
+        """Wait for its end, which must be near."""
+        self.process.wait()
+        if self.process.stdin is not None:
+            self.process.stdin.close()
+
+
+def describe_end(code: int, log: Path, log_start: int) -> str:
+    """Why a process ended, in at most 300 characters: its signal, or what it said at last.
+
+    Args:
+        code: its exit code, or minus the signal that killed it.
+        log: where its output went.
+        log_start: bytes of the log that are older than the process.
+    """
+    if code < 0:
+        try:
+            return f"killed by {signal.Signals(-code).name}"
+        except ValueError:  # one without a name
+            return f"killed by signal {-code}"
+    # An error of the command takes one or two lines, and begins with the word.
+    lines = _lines_at_the_end(log, log_start)[-2:]
+    begins = (index for index, line in enumerate(lines) if line.startswith("error:"))
+    text = " ".join(lines[next(begins, -1) :])
+    return shortened(text or f"exit code {code}, and nothing in {log}")
+
+
+def shortened(text: str) -> str:
+    """At most 300 characters of a text."""
+    return text if len(text) <= _LONGEST_ERROR else text[: _LONGEST_ERROR - 4] + " ..."
+
+
+def _lines_at_the_end(log: Path, start: int) -> list[str]:
+    try:
+        with log.open("rb") as file:
+            size = file.seek(0, os.SEEK_END)
+            file.seek(max(start, size - _LOG_END_BYTES))
+            text = file.read(_LOG_END_BYTES).decode(errors="replace")
+    except OSError:
+        return []
+    lines = _ESCAPE_CODE.sub("", text).splitlines()
+    plain = ("".join(one if one.isprintable() else " " for one in line) for line in lines)
+    return [line.strip() for line in plain if line.strip()]

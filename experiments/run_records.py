@@ -1,0 +1,117 @@
+"""Reading run directories: records, configurations, whether a run goes on or has died."""
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import ValidationError
+
+from orchid_uav.agents.safe_files import checksum_of_file, read_document, read_sealed
+from orchid_uav.envs.parameters import describe_error
+from orchid_uav.experiments.configuration import RunConfig
+from orchid_uav.experiments.errors import InputError, nearest
+from orchid_uav.experiments.files import expanded
+from orchid_uav.experiments.run_lock import is_alive
+
+RECORD_FILE, CONFIG_FILE, EPISODES_FILE = "run.json", "config.json", "episodes.csv"
+DEFAULT_RUNS_DIR = Path("runs")
+_LARGEST_CONFIG = 2**20
+
+Status = Literal["running", "completed", "failed", "interrupted"]
+SeenStatus = Literal["running", "completed", "failed", "interrupted", "died"]
+"""As others see it: "died" is a run that says it is running and whose process is gone."""
+
+
+def read_record(path: Path) -> dict[str, Any]:
+    """The record of a run directory, as it was written.
+
+    Raises:
+        InputError: there is none, or it is damaged.
+    """
+    try:
+        record = read_sealed(path / RECORD_FILE)
+    except (FileNotFoundError, NotADirectoryError) as error:
+        raise InputError(f"{path} is not a run directory: it has no {RECORD_FILE}") from error
+    except OSError as error:
+        raise InputError(f"cannot read {path / RECORD_FILE}: {error.strerror or error}") from error
+    except ValueError as error:
+        raise InputError(f"cannot read the run: {error}") from error
+    if not {"id", "status", "config_sha256", "final"} <= set(record):
+        raise InputError(f"{path / RECORD_FILE} is no record of a run")
+    return record
+
+
+def read_plain_config(path: Path, record: Mapping[str, Any]) -> dict[str, Any]:
+    """The sections of a run's configuration, as they were written; not validated.
+
+    Raises:
+        InputError: there is none, or it is damaged.
+    """
+    file = path / CONFIG_FILE
+    checksums = record["config_sha256"], record.get("next_config_sha256")
+    try:
+        found = checksum_of_file(file, _LARGEST_CONFIG)
+        if found not in checksums:
+            raise ValueError(f"{file} is not the configuration that the run was made with (sha256)")
+        return read_document(file, _LARGEST_CONFIG, found)
+    except OSError as error:
+        raise InputError(f"cannot read {file}: {error.strerror or error}") from error
+    except ValueError as error:
+        raise InputError(f"cannot read the run: {error}") from error
+
+
+def read_config(path: Path, record: Mapping[str, Any]) -> RunConfig:
+    """A run's configuration.
+
+    Raises:
+        InputError: there is none, it is damaged, or of another version.
+    """
+    try:
+        return RunConfig.model_validate(read_plain_config(path, record))
+    except ValidationError as error:
+        raise InputError(f"{path / CONFIG_FILE}: {describe_error(error)[1]}") from error
+
+
+def status_of(path: Path, record: Mapping[str, Any]) -> SeenStatus:
+    """A run's status, "died" where it says "running" and nobody writes it."""
+    if record["status"] == "running" and not is_alive(path, record):
+        return "died"
+    status: SeenStatus = record["status"]
+    return status
+
+
+def resume_command(path: Path) -> list[str]:
+    """The command line that goes on with a run, or extends it."""
+    default = Path(os.environ.get("ORCHID_RUNS_DIR", DEFAULT_RUNS_DIR)).expanduser()
+    try:
+        is_default = path.parent.resolve() == default.resolve()
+    except OSError:
+        is_default = False
+    return ["orchid", "train", "--resume", path.name if is_default else str(path)]
+
+
+def find_run(name: str, runs_dir: Path) -> Path:
+    """The directory of a run given as a path, an id, or a unique beginning of one.
+
+    Raises:
+        InputError: none or several fit.
+    """
+    given = expanded(name)
+    try:
+        if given.is_dir():
+            return given
+    except (OSError, ValueError) as error:
+        raise InputError(f"no run {name!r}: {getattr(error, 'strerror', error)}") from error
+    if not runs_dir.is_dir():
+        raise InputError(f"no run '{name}': there is no directory {runs_dir}")
+    ids = sorted(path.name for path in runs_dir.iterdir() if (path / RECORD_FILE).is_file())
+    found = [name] if name in ids else [run for run in ids if run.startswith(name)]
+    if len(found) == 1:
+        return runs_dir / found[0]
+    if found:
+        shown = ", ".join(found[:4]) + (" ..." if len(found) > 4 else "")
+        raise InputError(f"'{name}' begins {len(found)} runs: {shown}")
+    near = nearest(name, ids, cutoff=0.3)
+    hint = f"; did you mean '{near}'?" if near else ""
+    raise InputError(f"no run '{name}' in {runs_dir}{hint}")

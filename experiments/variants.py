@@ -1,0 +1,117 @@
+"""What is compared in an ablation: a base, and what every variant has otherwise."""
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from orchid_uav.experiments.configuration import (
+    Layer,
+    RunConfig,
+    assignment_layer,
+    flatten,
+    merge,
+)
+from orchid_uav.experiments.errors import InputError, unknown
+
+BASE = "base"
+FROZEN = "frozen"
+
+
+class Variant(NamedTuple):
+    """Some values other than the base's."""
+
+    name: str
+    values: Mapping[str, Any]
+    """By ``"section.key"``."""
+
+
+CONTROLS: dict[str, str] = {
+    "reset-only": "clears the optimizer at the plateau, and leaves the learning rates",
+    "decay-only": "lowers the learning rates at the plateau, and leaves the optimizer",
+    "random-time": "does both at an episode drawn at random",
+    "linear-decay": "no reset; the learning rates fall linearly to the same last value",
+    FROZEN: "learns nothing: how often the trigger fires on a policy that does not change",
+}
+"""What has to be ruled out before an effect is Reset-and-Finetune's."""
+
+
+def control(name: str, base: RunConfig) -> Variant:
+    """A control for Reset-and-Finetune.
+
+    Raises:
+        InputError: unknown, or the base has no Reset-and-Finetune to be controlled for.
+    """
+    if name not in CONTROLS:
+        raise InputError(unknown("control", name, CONTROLS, cutoff=0.4))
+    if not base.reset.enabled:
+        raise InputError(f"control '{name}': the base has no Reset-and-Finetune")
+    rates = f"{'maddpg' if base.training.algorithm == 'maddpg' else 'ppo'}.{{}}_learning_rate"
+    values: dict[str, dict[str, Any]] = {
+        "reset-only": {"reset.kappa": 1.0},
+        "decay-only": {"reset.clear_optimizer": False},
+        "random-time": {"reset.trigger": "random"},
+        "linear-decay": {
+            "reset.enabled": False,
+            "training.final_learning_rate_scale": base.reset.kappa**base.reset.max_resets,
+        },
+        FROZEN: {
+            "reset.enabled": False,
+            rates.format("actor"): 0.0,
+            rates.format("critic"): 0.0,
+        },
+    }
+    return Variant(name, values[name])
+
+
+def listed(option: str, key: str, values: Iterable[Any]) -> list[Variant]:
+    """A variant for each value of one key, named by the option."""
+    return [Variant(_name(f"{option}-{value}"), {key: value}) for value in values]
+
+
+def assigned(assignments: Sequence[str]) -> list[Variant]:
+    """A variant for each ``section.key=value``."""
+    return [
+        Variant(_name(assignment), assignment_layer([assignment]).values)
+        for assignment in assignments
+    ]
+
+
+def _name(text: str) -> str:
+    """As it can be part of a run's id."""
+    return re.sub(r"[^A-Za-z0-9._]+", "-", text).strip("-._")[:48] or "variant"
+
+
+def applied(variant: Variant, base: RunConfig) -> RunConfig:
+    """The configuration of a variant.
+
+    Raises:
+        InputError: an unknown key or a value that does not fit.
+    """
+    own = Layer(f"variant {variant.name}", variant.values)
+    return merge([Layer("base", flatten(base)), own])[0]
+
+
+def check_variants(variants: Sequence[Variant], base: RunConfig) -> list[str]:
+    """Notes on variants.
+
+    Raises:
+        InputError: none, one that is as the base, two of one name, or values that cannot be.
+    """
+    if not variants:
+        raise InputError(
+            "there is nothing to compare: name a variant, such as --no-rf or --init random"
+        )
+    names = [variant.name for variant in variants]
+    for name in names:
+        if names.count(name) > 1 or name == BASE:
+            raise InputError(f"two variants are called '{name}'")
+    notes = []
+    for variant in variants:
+        config = applied(variant, base)
+        if config == base:
+            raise InputError(f"variant '{variant.name}' is the same as the base")
+        if config.training.seed != base.training.seed:
+            raise InputError("training.seed is no variant: see --seeds")
+        if "reset.kappa" in variant.values and not config.reset.enabled:
+            notes.append(f"variant '{variant.name}': Reset-and-Finetune is off, so kappa is idle")
+    return notes

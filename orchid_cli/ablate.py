@@ -1,0 +1,280 @@
+"""``orchid ablate``."""
+
+import json
+import shlex
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+
+from orchid_uav.cli.configuring import (
+    AlgorithmOption,
+    ConfigOption,
+    DistributionOption,
+    EpisodesOption,
+    PresetOption,
+    UavsOption,
+    UsersOption,
+    WorldsOption,
+)
+from orchid_uav.cli.console import (
+    FAILED,
+    INTERRUPTED,
+    OUTPUT_PANEL,
+    DebugOption,
+    JsonOption,
+    QuietOption,
+    console,
+    failing_well,
+    print_line,
+    print_note,
+    stdout_for_json_alone,
+)
+from orchid_uav.experiments.configuration import (
+    Layer,
+    RunConfig,
+    assignment_layer,
+    file_layer,
+    merge,
+    preset_layer,
+)
+from orchid_uav.experiments.errors import InputError
+from orchid_uav.experiments.ranges import parse_counts, parse_numbers
+
+if TYPE_CHECKING:
+    from orchid_uav.experiments.ablation_study import AblationStudy
+    from orchid_uav.experiments.jobs import LocalProcesses
+    from orchid_uav.experiments.variants import Variant
+
+_BASE, _VARIANTS, _STUDY = "Base", "Variants, each compared with the base", "Study"
+_BASE_FLAGS = {
+    "uavs": "network.uav_count",
+    "users": "network.user_count",
+    "distribution": "network.distribution",
+    "episodes": "training.episodes",
+    "worlds": "training.worlds",
+    "algorithm": "training.algorithm",
+}
+
+
+def _option(panel: str, text: str, *names: str, **others: Any) -> Any:
+    return typer.Option(*names, help=text, rich_help_panel=panel, show_default=False, **others)
+
+
+def ablate(
+    context: typer.Context,
+    no_rf: Annotated[bool, _option(_VARIANTS, "Without Reset-and-Finetune.", "--no-rf")] = False,
+    init: Annotated[
+        str | None, _option(_VARIANTS, "Where UAVs start: kmeans, random.", metavar="LIST")
+    ] = None,
+    objective: Annotated[
+        str | None,
+        _option(_VARIANTS, "Rate term of reward and shares: mmf, pf.", metavar="LIST"),
+    ] = None,
+    shares: Annotated[
+        str | None, _option(_VARIANTS, "Bandwidth shares alone: mmf, pf, se.", metavar="LIST")
+    ] = None,
+    kappa: Annotated[
+        str | None,
+        _option(_VARIANTS, "Factor on the rates at a reset: 0.1,0.5.", metavar="LIST"),
+    ] = None,
+    assignments: Annotated[
+        list[str] | None,
+        _option(_VARIANTS, "section.key=value; may be repeated, a variant each.", "--set"),
+    ] = None,
+    controls: Annotated[
+        str | None,
+        _option(
+            _VARIANTS,
+            "Controls for Reset-and-Finetune: all, or of reset-only, decay-only, random-time, "
+            "linear-decay, frozen.",
+            "--controls",
+            metavar="LIST",
+        ),
+    ] = None,
+    preset: PresetOption = "paper",
+    config: ConfigOption = None,
+    base: Annotated[
+        list[str] | None,
+        _option(_BASE, "section.key=value of the base; may be repeated.", "--base"),
+    ] = None,
+    uavs: UavsOption = None,
+    users: UsersOption = None,
+    distribution: DistributionOption = None,
+    episodes: EpisodesOption = None,
+    worlds: WorldsOption = None,
+    algorithm: AlgorithmOption = None,
+    seeds: Annotated[str, _option(_STUDY, "Training seeds (default: 0..9).")] = "0..9",
+    jobs: Annotated[
+        int | None, _option(_STUDY, "Runs trained at once (default: as many as cores).")
+    ] = None,
+    topologies: Annotated[
+        int, _option(_STUDY, "Held-out topologies that every policy flies (default: 100).", min=1)
+    ] = 100,
+    evaluation_seed: Annotated[
+        int, _option(_STUDY, "Seed of the held-out topologies (default: 0).", min=0)
+    ] = 0,
+    margin: Annotated[
+        float,
+        _option(_STUDY, "Share of the base's mean that does not matter (default: 0.05)."),
+    ] = 0.05,
+    out: Annotated[
+        Path | None,
+        _option(
+            OUTPUT_PANEL, "Directory of the study (default: ./orchid-ablate/<UTC time>).", "--out"
+        ),
+    ] = None,
+    as_json: JsonOption = False,
+    quiet: QuietOption = False,
+    debug: DebugOption = False,
+) -> None:
+    """Train a base and its variants on the same seeds, fly them, and compare pair by pair.
+
+    Ctrl-C keeps what is done; the same command with the same --out goes on, and trains no finished
+    seed again. Further seeds and variants can be added to a study in the same way.
+
+    Example: orchid ablate --no-rf --kappa 0.1,0.3 --seeds 0..4 --jobs 2
+    """
+    with failing_well(debug):
+        from orchid_uav.experiments.variants import check_variants
+
+        merged = _base(context.params)
+        variants = _variants(
+            merged, no_rf, init, objective, shares, kappa, assignments or [], controls
+        )
+        for note in check_variants(variants, merged):
+            print_note(note)
+        if not margin > 0.0:
+            raise InputError(f"--margin {margin}: a share above 0 is possible")
+        seed_list = parse_counts(seeds, "--seeds", least=0)
+        # torch and pyarrow take seconds to import: not before the input is known to be right.
+        from orchid_uav.experiments.ablation import Ablation
+        from orchid_uav.experiments.ablation_study import DEFAULT_PARENT, AblationStudy
+        from orchid_uav.experiments.child_processes import usable_cores
+        from orchid_uav.experiments.files import expanded
+        from orchid_uav.experiments.jobs import LocalProcesses
+
+        executor = LocalProcesses(usable_cores() if jobs is None else jobs)
+        if executor.note:
+            print_note(executor.note)
+        directory = DEFAULT_PARENT / f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}"
+        directory = expanded(out) if out is not None else directory
+        command = ["orchid", *context.obj]
+        ablation = Ablation(merged, variants, seed_list, topologies, evaluation_seed, margin)
+        study = AblationStudy(ablation, directory, command)
+        study.reserve()
+        again = shlex.join([*command, *([] if out else ["--out", str(directory)])])
+        shown = console(stderr=as_json)
+        with stdout_for_json_alone(as_json):
+            document = _run(study, executor, shown, quiet, again)
+        if document is None:
+            print_line(console(stderr=True), f"interrupted; this goes on: {again}")
+            raise typer.Exit(INTERRUPTED)
+        if as_json:
+            print(json.dumps(document, allow_nan=False))
+        else:
+            from orchid_uav.cli.ablation_tables import print_ablation
+
+            print_ablation(shown, document)
+        print_line(shown, f"{document['status']}: {directory}")
+        if document["status"] == "failed":
+            print_line(console(stderr=True), f"this tries the failed runs again: {again}")
+            raise typer.Exit(FAILED)
+
+
+def _base(given: dict[str, Any]) -> RunConfig:
+    layers = [preset_layer(given["preset"])]
+    if given["config"] is not None:
+        layers.append(file_layer(given["config"]))
+    layers.append(assignment_layer(given["base"] or [])._replace(source="--base"))
+    layers += [
+        Layer(f"--{name}", {key: given[name]})
+        for name, key in _BASE_FLAGS.items()
+        if given[name] is not None
+    ]
+    return merge(layers)[0]
+
+
+def _variants(
+    base: RunConfig,
+    no_rf: bool,
+    init: str | None,
+    objective: str | None,
+    shares: str | None,
+    kappa: str | None,
+    assignments: list[str],
+    controls: str | None,
+) -> list["Variant"]:
+    from orchid_uav.experiments.variants import CONTROLS, Variant, assigned, control, listed
+
+    variants = [Variant("no-rf", {"reset.enabled": False})] if no_rf else []
+    for option, key, text in (
+        ("init", "deployment.init", init),
+        ("objective", "reward.objective", objective),
+        ("shares", "reward.shares", shares),
+    ):
+        variants += listed(option, key, _words(text))
+    if kappa is not None:
+        variants += listed("kappa", "reset.kappa", parse_numbers(kappa, "--kappa"))
+    variants += assigned(assignments)
+    names = list(CONTROLS) if controls == "all" else _words(controls)
+    return variants + [control(name, base) for name in names]
+
+
+def _words(text: str | None) -> list[str]:
+    return list(dict.fromkeys(word.strip() for word in text.split(","))) if text else []
+
+
+def _run(
+    study: "AblationStudy", executor: "LocalProcesses", shown: Console, quiet: bool, again: str
+) -> dict[str, Any] | None:
+    """Train and evaluate; None if interrupted."""
+    from orchid_uav.cli.evaluation_display import evaluation_progress
+    from orchid_uav.cli.jobs_display import job_progress
+
+    waiting = study.waiting()
+    costs: dict[str, float] = {}
+    if waiting:
+        costs = _announce(study, executor, shown, quiet, again)
+        if study.train(executor, job_progress(shown, quiet), costs) == "interrupted":
+            return None
+    return study.evaluate(evaluation_progress(shown, quiet))
+
+
+def _announce(
+    study: "AblationStudy", executor: "LocalProcesses", shown: Console, quiet: bool, again: str
+) -> dict[str, float]:
+    """Say what is to come; how long a run takes, by variant, in seconds."""
+    from orchid_uav.experiments.ablation import differing_worlds
+    from orchid_uav.experiments.calibration import seconds_per_episode
+
+    configurations = study.ablation.configurations()
+    waiting = [job.name for job in study.waiting()]
+    if not quiet:
+        total = len(study.training_jobs)
+        print_line(shown, f"seeds {', '.join(map(str, study.ablation.seeds))}")
+        print_line(
+            shown,
+            f"{', '.join(configurations)}: {len(configurations)} x {len(study.ablation.seeds)} "
+            f"seeds = {total} runs of {study.ablation.base.training.episodes} episodes, "
+            f"{total - len(waiting)} of them done before",
+        )
+        print_line(shown, "measuring how long a run takes ...")
+    for name, keys in differing_worlds(study.ablation).items():
+        print_note(f"{name} is flown in its own world, which differs in {', '.join(keys)}")
+    costs = {
+        name: seconds_per_episode(config) * config.training.episodes
+        for name, config in configurations.items()
+        if name in waiting
+    }
+    if not quiet:
+        seconds = sum(costs[name] for name in waiting) / executor.processes
+        print_line(
+            shown,
+            f"about {seconds / 3600:.1f} hours with {executor.processes} at once, each run as "
+            "fast as it would be alone; all runs in progress take more memory and cache",
+        )
+        print_line(shown, f"if it stops, this goes on: {again}")
+    return costs

@@ -1,0 +1,379 @@
+"""``orchid runs``: what has been run, without a database."""
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from orchid_uav.cli.console import (
+    FAILED,
+    OUTPUT_PANEL,
+    DebugOption,
+    JsonOption,
+    console,
+    failing_well,
+    print_line,
+    print_note,
+)
+from orchid_uav.cli.runs_display import (
+    columns_that_fit,
+    print_comparison,
+    print_curves,
+    print_removals,
+    print_resume_commands,
+    print_run,
+    print_runs,
+)
+from orchid_uav.experiments.errors import InputError, RunFailedError, unknown
+from orchid_uav.experiments.run_records import find_run
+
+if TYPE_CHECKING:
+    from orchid_uav.experiments.run_index import Run
+
+app = typer.Typer()
+
+_SELECTION, _CURVES = "Selection", "Learning curves"
+_RUN = "A run's id, the beginning of one, or a path."
+_TERMINAL_METRIC = "reward"
+
+RunsArgument = Annotated[list[str], typer.Argument(metavar="RUN...", help=_RUN)]
+RunsDirOption = Annotated[
+    Path,
+    typer.Option(
+        envvar="ORCHID_RUNS_DIR", help="Where run directories are.", rich_help_panel=_SELECTION
+    ),
+]
+MetricOption = Annotated[
+    str | None,
+    typer.Option(
+        help="Columns of episodes.csv, divided by commas (default: reward; in a figure, six).",
+        rich_help_panel=_CURVES,
+        show_default=False,
+    ),
+]
+SmoothOption = Annotated[
+    int,
+    typer.Option(min=1, help="Episodes of the trailing mean.", rich_help_panel=_CURVES),
+]
+
+
+@app.callback(invoke_without_command=True)
+def _commands(context: typer.Context) -> None:
+    """List, look at, compare, delete, export and import training runs."""
+    if context.invoked_subcommand is None:
+        print(context.get_help())
+
+
+@app.command("list")
+def list_runs(
+    where: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KEY OP VALUE",
+            help="Only runs with that; OP is = != < <= > >= or ~ (contains). May be repeated.",
+            rich_help_panel=_SELECTION,
+            show_default=False,
+        ),
+    ] = None,
+    sort: Annotated[
+        str,
+        typer.Option(
+            metavar="[-]KEY,...",
+            help="Order; with - the greatest first (default: latest first).",
+            rich_help_panel=_SELECTION,
+            show_default=False,
+        ),
+    ] = "",
+    limit: Annotated[
+        int | None,
+        typer.Option(min=1, help="Runs at most.", rich_help_panel=_SELECTION, show_default=False),
+    ] = None,
+    runs_dir: RunsDirOption = Path("runs"),
+    columns: Annotated[
+        str | None,
+        typer.Option(
+            metavar="KEY,...",
+            help="Columns of the table behind the id.",
+            rich_help_panel=OUTPUT_PANEL,
+            show_default=False,
+        ),
+    ] = None,
+    as_json: JsonOption = False,
+    debug: DebugOption = False,
+) -> None:
+    """List runs: their state, and the means of their last 50 episodes.
+
+    A KEY is any key of the configuration (reset.kappa, or kappa alone), a column of episodes.csv
+    (rate_jfi, in the unit of its name), or of the record: id, name, status, started, seconds,
+    episodes, resets, host.name, versions.torch ... A run whose process is gone is shown as 'died'.
+
+    Example: orchid runs list --where reset.kappa=0.1 --where 'rate_jfi>0.7' --sort -rate_jfi
+    """
+    with failing_well(debug):
+        from orchid_uav.experiments.files import expanded
+        from orchid_uav.experiments.run_filters import Keys, found_values, select
+        from orchid_uav.experiments.run_index import read_index
+
+        index = read_index(expanded(runs_dir))
+        keys = Keys(index.runs)
+        conditions = [keys.condition(text) for text in where or []]
+        wanted = keys.columns(columns) if columns else None
+        chosen = select(index.runs, keys, conditions, sort)
+        shown = chosen[:limit]
+        _tell_damaged(index.damaged)
+        if as_json:
+            _print_json(
+                runs=[run.summary() for run in shown],
+                damaged=[{"id": run, "reason": why} for run, why in index.damaged.items()],
+            )
+            return
+        if not index.runs:
+            print_note(f"no runs in {runs_dir}")
+            return
+        if not chosen:
+            print_note(f"none of {len(index.runs)} runs fits")
+            for condition in conditions:
+                if not select(index.runs, keys, [condition]):
+                    found = found_values(index.runs, condition.key)
+                    print_note(f"none has {condition.text}: {condition.key} is {found}")
+            return
+        out = console()
+        print_runs(out, shown, wanted or columns_that_fit(out, shown))
+        if len(shown) < len(chosen):
+            print_note(f"{len(shown)} of {len(chosen)} runs are shown")
+        print_resume_commands(out, shown)
+
+
+@app.command()
+def show(
+    run: Annotated[str, typer.Argument(metavar="RUN", help=_RUN)],
+    runs_dir: RunsDirOption = Path("runs"),
+    metric: MetricOption = None,
+    smooth: SmoothOption = 20,
+    as_json: JsonOption = False,
+    debug: DebugOption = False,
+) -> None:
+    """Show all that is known of a run, and its learning curve.
+
+    Example: orchid runs show 20261122T2112 --metric rate_jfi
+    """
+    with failing_well(debug):
+        from orchid_uav.experiments.run_index import details
+
+        (found,) = _read([run], runs_dir)
+        if as_json:
+            _print_json(**details(found))
+            return
+        out = console()
+        print_run(out, found)
+        print_curves(out, [found], _metrics(metric) or [_TERMINAL_METRIC], smooth)
+
+
+@app.command()
+def compare(
+    runs: RunsArgument,
+    runs_dir: RunsDirOption = Path("runs"),
+    metric: MetricOption = None,
+    smooth: SmoothOption = 20,
+    out_file: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            metavar="FILE",
+            help="Draw the learning curves there as well: .png, .svg or .pdf.",
+            rich_help_panel=OUTPUT_PANEL,
+            show_default=False,
+        ),
+    ] = None,
+    as_json: JsonOption = False,
+    debug: DebugOption = False,
+) -> None:
+    """Compare runs: the configuration keys that differ, final figures, learning curves.
+
+    Example: orchid runs compare 20261122T2112 20261122T2115 --metric rate_jfi --out curves.png
+    """
+    with failing_well(debug):
+        from orchid_uav.experiments.run_index import differences
+
+        found = _read(runs, runs_dir)
+        if len(found) < 2:
+            raise InputError(f"there is nothing to compare {found[0].id} with: name another run")
+        metrics = _metrics(metric)
+        if out_file is not None:
+            _draw(found, out_file, metrics, smooth)
+        if as_json:
+            _print_json(
+                runs=[run.summary() for run in found],
+                differences=differences(found),
+                figure=None if out_file is None else str(out_file),
+            )
+            return
+        out = console()
+        print_comparison(out, found)
+        print_curves(out, found, metrics or [_TERMINAL_METRIC], smooth)
+        if out_file is not None:
+            print_line(out, f"figure: {out_file}")
+
+
+@app.command()
+def delete(
+    runs: RunsArgument,
+    runs_dir: RunsDirOption = Path("runs"),
+    yes: Annotated[
+        bool, typer.Option("--yes", help="Do not ask.", rich_help_panel=_SELECTION)
+    ] = False,
+    as_json: JsonOption = False,
+    debug: DebugOption = False,
+) -> None:
+    """Delete run directories, after asking.
+
+    Links are removed and never followed, and a run that is running is left alone.
+
+    Example: orchid runs delete 20261122T2112
+    """
+    with failing_well(debug):
+        from orchid_uav.experiments.files import expanded
+        from orchid_uav.experiments.run_removal import plan_removal, remove
+
+        removals = plan_removal(runs, expanded(runs_dir))
+        if not yes:
+            if not sys.stdin.isatty():
+                raise InputError("there is no terminal to ask on: give --yes to delete unasked")
+            print_removals(console(stderr=True), removals)
+            if not typer.confirm("Delete?", err=True):
+                print_note("nothing was deleted")
+                raise typer.Exit(FAILED)
+        deleted = remove(removals)
+        if as_json:
+            _print_json(deleted=deleted)
+        else:
+            print_line(console(), f"deleted: {', '.join(deleted)}")
+
+
+@app.command()
+def export(
+    runs: RunsArgument,
+    runs_dir: RunsDirOption = Path("runs"),
+    out_file: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            metavar="FILE",
+            help="The zip (default, of one run: <id>.zip here).",
+            rich_help_panel=OUTPUT_PANEL,
+            show_default=False,
+        ),
+    ] = None,
+    checkpoints: Annotated[
+        bool,
+        typer.Option(
+            "--checkpoints",
+            help="With them, so that the run can be resumed elsewhere.",
+            rich_help_panel=OUTPUT_PANEL,
+        ),
+    ] = False,
+    force: Annotated[
+        bool,
+        typer.Option("--force", help="Replace a file there.", rich_help_panel=OUTPUT_PANEL),
+    ] = False,
+    as_json: JsonOption = False,
+    debug: DebugOption = False,
+) -> None:
+    """Write runs to a zip that another machine can import and evaluate.
+
+    Example: orchid runs export 20261122T2112 --out for-a-colleague.zip
+    """
+    with failing_well(debug):
+        from orchid_uav.experiments.files import expanded
+        from orchid_uav.experiments.run_archive import export_runs
+
+        paths = [find_run(name, expanded(runs_dir)) for name in runs]
+        if out_file is None and len(paths) > 1:
+            raise InputError("several runs need a name for their archive: give --out FILE.zip")
+        target = Path(f"{paths[0].resolve().name}.zip") if out_file is None else expanded(out_file)
+        exported = export_runs(paths, target, checkpoints, force)
+        for name in exported.left_out:
+            print_note(f"left out, since it is no file of a run: {name}")
+        if as_json:
+            _print_json(runs=exported.runs, file=str(target), bytes=exported.size)
+            return
+        out = console()
+        count = f"{len(exported.runs)} run" + "s" * (len(exported.runs) > 1)
+        print_line(out, f"{target}: {count}, {exported.size / 1e6:.1f} MB")
+        print_line(out, f"there: orchid runs import {target.name}")
+
+
+@app.command("import")
+def import_archive(
+    archive: Annotated[Path, typer.Argument(metavar="FILE", help="A zip that was exported.")],
+    runs_dir: RunsDirOption = Path("runs"),
+    as_json: JsonOption = False,
+    debug: DebugOption = False,
+) -> None:
+    """Unpack exported runs, checking everything before they appear.
+
+    Example: orchid runs import from-a-colleague.zip
+    """
+    with failing_well(debug):
+        from orchid_uav.experiments.files import expanded
+        from orchid_uav.experiments.run_archive import import_runs
+
+        paths = import_runs(expanded(archive), expanded(runs_dir))
+        if as_json:
+            _print_json(runs=[{"id": path.name, "path": str(path)} for path in paths])
+            return
+        for path in paths:
+            print_line(console(), f"imported: {path}")
+
+
+def _read(names: list[str], runs_dir: Path) -> "list[Run]":
+    from orchid_uav.experiments.files import expanded
+    from orchid_uav.experiments.run_index import read_run
+
+    runs = [read_run(find_run(name, expanded(runs_dir))) for name in names]
+    ids = [run.record["id"] for run in runs]
+    for run_id in ids:
+        if ids.count(run_id) > 1:
+            raise InputError(f"run {run_id} is given twice")
+    return runs
+
+
+def _metrics(given: str | None) -> list[str]:
+    from orchid_uav.experiments.run_index import FIGURES
+
+    names = [name.strip() for name in given.split(",")] if given else []
+    for name in names:
+        if name not in FIGURES:
+            raise InputError(unknown("metric", name, FIGURES, cutoff=0.4))
+    return names
+
+
+def _draw(runs: "list[Run]", path: Path, metrics: list[str], window: int) -> None:
+    from orchid_uav.experiments.curves import DEFAULT_COLUMNS
+    from orchid_uav.experiments.files import expanded
+    from orchid_uav.experiments.learning_curves import FORMATS, draw_learning_curves
+    from orchid_uav.experiments.run_index import read_log
+
+    if path.suffix not in FORMATS:
+        raise InputError(f"--out {path} ends in none of {', '.join(FORMATS)}")
+    rows = {run.id: read_log(run) for run in runs}
+    if not any(rows.values()):
+        raise InputError("there is nothing to draw: none of the runs has an episode")
+    groups = {run: [found] for run, found in rows.items()}
+    try:
+        draw_learning_curves(groups, expanded(path), metrics or DEFAULT_COLUMNS, window)
+    except OSError as error:
+        raise RunFailedError(f"cannot write {path}: {error.strerror or error}") from error
+
+
+def _tell_damaged(damaged: dict[str, str]) -> None:
+    for name, reason in list(damaged.items())[:3]:
+        print_note(f"left out, {name}: {reason}")
+    if len(damaged) > 3:
+        print_note(f"left out as well: {', '.join(list(damaged)[3:])}")
+
+
+def _print_json(**document: Any) -> None:
+    print(json.dumps({"schema": 1, **document}, allow_nan=False))
