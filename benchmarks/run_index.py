@@ -1,8 +1,9 @@
 """What ``orchid runs list`` takes with a thousand runs.
 
 The runs have the episodes and the policy of a released one, and ids, seeds and figures of their
-own; files that a listing does not read are hard links. Measured are the whole command, as somebody at a terminal
-waits for it, the reading and sorting alone, and what any command or Python itself takes to start.
+own; files that a listing does not read are hard links. Measured are the whole command, with its
+output as for a file and as for a terminal, the reading and sorting alone, and what any command or
+Python itself takes to start.
 """
 
 import hashlib
@@ -26,6 +27,7 @@ from orchid_uav.experiments.run_index import FIGURES, read_index
 from orchid_uav.experiments.run_records import CONFIG_FILE, EPISODES_FILE, RECORD_FILE
 
 RUNS = 1000
+WHOLE, ON_TERMINAL = "`orchid runs list`", "`orchid runs list` on a terminal"
 TARGET_S = 1.0
 POLICY = Path("runs/reference/orchid")
 POLICY_FILES = ("policy.json", "policy.safetensors")
@@ -64,10 +66,16 @@ def make_runs(runs_dir: Path, count: int) -> None:
             os.link(template.path / name, path / name)
 
 
-def command_s(arguments_given: Sequence[str]) -> float:
+def command_s(given: Sequence[str], as_on_terminal: bool = False) -> float:
     """Seconds of a command in a process of its own."""
+    variables = {"FORCE_COLOR": "1", "COLUMNS": "140"} if as_on_terminal else {}
     began_s = time.perf_counter()
-    subprocess.run([sys.executable, *arguments_given], check=True, stdout=subprocess.DEVNULL)
+    subprocess.run(
+        [sys.executable, *given],
+        env=os.environ | variables,
+        check=True,
+        stdout=subprocess.DEVNULL,
+    )
     return time.perf_counter() - began_s
 
 
@@ -90,7 +98,7 @@ def main() -> None:
         make_runs(directory, RUNS)
         listing = ["-m", "orchid_uav", "runs", "list", "--runs-dir", name]
         commands = {
-            "`orchid runs list`": listing,
+            WHOLE: listing,
             f"`orchid runs list --where {WHERE} --sort {SORT}`": [
                 *listing,
                 f"--where={WHERE}",
@@ -102,19 +110,21 @@ def main() -> None:
         }
         results = alternate(
             {case: (lambda _, given=given: command_s(given)) for case, given in commands.items()}
-            | {"reading, filtering, sorting alone": lambda _: reading_s(directory)},
+            | {
+                ON_TERMINAL: lambda _: command_s(listing, as_on_terminal=True),
+                "reading, filtering, sorting alone": lambda _: reading_s(directory),
+            },
             options.repetitions,
         )
-    whole = "`orchid runs list`"
     ratios = {
-        f"{whole} / {other}": ratio(results, whole, other)
+        f"{WHOLE} / {other}": ratio(results, WHOLE, other)
         for other in ("`orchid --version`", "python alone")
     }
     document = record(
         {"runs": RUNS, "repetitions": options.repetitions, "target_s": TARGET_S},
         seconds=results,
         ratios=ratios,
-        is_below_target=results[whole]["median"] < TARGET_S,
+        is_below_target=all(results[case]["median"] < TARGET_S for case in (WHOLE, ON_TERMINAL)),
     )
     rows = {f"{name}, s": f"{result['median']:.3f}" for name, result in results.items()}
     rows |= {name: f"{value}" for name, value in ratios.items()}

@@ -97,6 +97,14 @@ def _four_cores_and_no_patience(monkeypatch):
     monkeypatch.setattr(jobs_module, "_SECONDS_BETWEEN_UPDATES", 0.1)
 
 
+@pytest.fixture(autouse=True)
+def _heeded_interrupts():
+    """A shell starts background jobs, such as a whole test run, with SIGINT ignored."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 class Recorder(SilentJobProgress):
     """Notes what it is told; ``on_update`` is called with every overview."""
 
