@@ -2,8 +2,10 @@
 
 import hashlib
 import os
+import re
 import shutil
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +20,7 @@ CHECKPOINTS_FOLDER = "checkpoints"
 STATE_FILE = "state.json"
 _SCHEMA = 1
 _LARGEST_STATE = 64 * 2**20
+_PLACE = re.compile(r"\.([0-9]+)\.old|([0-9]+)")
 
 Kinds = dict[str, dict[str, TensorKind]]
 
@@ -38,10 +41,18 @@ class CheckpointStore:
 
     def episodes(self) -> list[int]:
         """After which episodes there is one, latest first."""
+        return sorted(self._places(), reverse=True)
+
+    def _places(self) -> dict[int, Path]:
+        """Where they are: one may lie aside, left by a process that died as it replaced it."""
         if not self.folder.is_dir():
-            return []
-        found = [path.name for path in self.folder.iterdir() if path.is_dir()]
-        return sorted((int(name) for name in found if name.isdecimal()), reverse=True)
+            return {}
+        places = {}
+        for path in sorted(self.folder.iterdir()):  # those aside first: their names begin with "."
+            name = _PLACE.fullmatch(path.name)
+            if name and path.is_dir():
+                places[int(name[1] or name[2])] = path
+        return places
 
     def save(self, episode: int, state: TrainingState, log: tuple[int, str]) -> None:
         """Write a checkpoint, in one step for whoever looks, and remove those too many.
@@ -54,7 +65,9 @@ class CheckpointStore:
         Raises:
             OSError: it cannot be written; the others are untouched.
         """
-        self.folder.mkdir(exist_ok=True)
+        if not self.folder.is_dir():
+            self.folder.mkdir()
+            sync_directory(self.folder.parent)
         self._remove_leftovers()
         unfinished = self.folder / f".{episode}.new"
         try:
@@ -80,7 +93,7 @@ class CheckpointStore:
             shutil.rmtree(unfinished, ignore_errors=True)
             raise
         for other in self.episodes()[self._keep :]:
-            shutil.rmtree(self.folder / str(other), ignore_errors=True)
+            self._remove(other)
 
     def _put_in_place(self, unfinished: Path, place: Path) -> None:
         if place.exists():
@@ -89,10 +102,21 @@ class CheckpointStore:
         sync_directory(self.folder)
         self._remove_leftovers()
 
+    def _remove(self, episode: int) -> None:
+        """Not file by file under its own name: whoever looks would find it damaged."""
+        gone = self.folder / f".{episode}.gone"
+        with suppress(OSError):
+            (self.folder / str(episode)).rename(gone)
+        shutil.rmtree(gone, ignore_errors=True)
+
     def _remove_leftovers(self) -> None:
-        """What a process left that died while it wrote or removed."""
+        """What a process left that died while it wrote, removed or, put back, replaced one."""
+        places = {path: episode for episode, path in self._places().items()}
         for path in self.folder.glob(".*"):
-            shutil.rmtree(path, ignore_errors=True)
+            if path in places:
+                path.rename(self.folder / str(places[path]))
+            else:
+                shutil.rmtree(path, ignore_errors=True)
 
     def read(self, episode: int, kinds: Callable[[Mapping[str, Any]], Kinds]) -> TrainingState:
         """A checkpoint as it was written.
@@ -104,7 +128,7 @@ class CheckpointStore:
         Raises:
             InputError: it is damaged, or belongs to something else.
         """
-        directory = self.folder / str(episode)
+        directory = self._places().get(episode, self.folder / str(episode))
         try:
             document = read_sealed(directory / STATE_FILE, _LARGEST_STATE)
             named = document["schema"], document["run"], document["episode"]
@@ -126,9 +150,10 @@ class CheckpointStore:
 
     def forget_later_than(self, episode: int) -> None:
         """Remove checkpoints behind one that the run goes on from."""
+        self._remove_leftovers()
         for other in self.episodes():
             if other > episode:
-                shutil.rmtree(self.folder / str(other), ignore_errors=True)
+                self._remove(other)
 
 
 STATE_ERRORS = (LookupError, TypeError, ValueError, ArithmeticError, AttributeError, RuntimeError)

@@ -9,7 +9,7 @@ class InputError(Exception):
 
 
 class RunFailedError(Exception):
-    """A run that had begun could not go on."""
+    """Something that had begun could not go on; perhaps later, as a second line may say."""
 
 
 def nearest(name: str, known: Iterable[str], cutoff: float) -> str | None:

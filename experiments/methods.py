@@ -277,7 +277,7 @@ def read_run(path: Path) -> Policy:
     record = read_record(path)
     status, run = status_of(path, record), record["id"]
     if status not in ("completed", "interrupted"):
-        state = "is still running" if status == "running" else f"'{status}'"
+        state = "is still running" if status == "running" else status
         raise InputError(f"run {run} {state}: only a run that ended has a policy to fly ({path})")
     try:
         config = read_config(path, record)

@@ -163,12 +163,13 @@ def show(
         from orchid_uav.experiments.run_index import details
 
         (found,) = _read([run], runs_dir)
+        metrics = _metrics(metric) or [_TERMINAL_METRIC]
         if as_json:
             _print_json(**details(found))
             return
         out = console()
         print_run(out, found)
-        print_curves(out, [found], _metrics(metric) or [_TERMINAL_METRIC], smooth)
+        print_curves(out, [found], metrics, smooth)
 
 
 @app.command()
@@ -242,7 +243,7 @@ def delete(
             if not sys.stdin.isatty():
                 raise InputError("there is no terminal to ask on: give --yes to delete unasked")
             print_removals(console(stderr=True), removals)
-            if not typer.confirm("Delete?", err=True):
+            if not _is_confirmed("Delete?"):
                 print_note("nothing was deleted")
                 raise typer.Exit(FAILED)
         deleted = remove(removals)
@@ -338,6 +339,15 @@ def _read(names: list[str], runs_dir: Path) -> "list[Run]":
         if ids.count(run_id) > 1:
             raise InputError(f"run {run_id} is given twice")
     return runs
+
+
+def _is_confirmed(question: str) -> bool:
+    """Asked on stderr, since stdout may be read by a program."""
+    print(f"{question} [y/N] ", end="", file=sys.stderr, flush=True)
+    answer = sys.stdin.readline()
+    if not answer:
+        raise typer.Abort
+    return answer.strip().lower() in ("y", "yes")
 
 
 def _metrics(given: str | None) -> list[str]:

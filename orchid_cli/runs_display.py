@@ -147,7 +147,7 @@ def _print_facts(out: Console, facts: dict[str, str]) -> None:
     indent = max(map(len, facts)) + 2
     for name, text in facts.items():
         if not out.is_terminal:
-            print_line(out, f"{name}\t{plain(text)}")
+            print(name, plain(text), sep="\t", file=out.file)  # rich makes spaces of tabs
             continue
         room = out.width - indent if name in _WRAPPED else len(text) + 1
         wrapped = textwrap.wrap(plain(text), max(room, 20), break_on_hyphens=False)

@@ -148,9 +148,8 @@ def train(
             opened = [trackers.open_tracker(tracker, run.path, merged) for tracker in wanted]
             try:
                 outcome = run_training(merged, run, _reporter(out, quiet), opened, interruption)
-            except RunFailedError:
-                _print_continuation(run.path)
-                raise
+            except RunFailedError as error:
+                raise RunFailedError(f"{error}\n{_after_failure(run.path, error)}") from error
             except KeyboardInterrupt:
                 _print_continuation(run.path)
                 raise
@@ -221,8 +220,18 @@ def _note_other_versions(record: Mapping[str, Any]) -> None:
         print_note(f"the run began with other versions: {', '.join(changed)}")
 
 
+def _continuation_text(path: Path) -> str:
+    return f"this goes on: {shlex.join(resume_command(path))}"
+
+
+def _after_failure(path: Path, error: RunFailedError) -> str:
+    if isinstance(error.__cause__, ArithmeticError):
+        return "it would fail again in the same way: lower the learning rates"
+    return f"once that is mended, {_continuation_text(path)}"
+
+
 def _print_continuation(path: Path) -> None:
-    print_line(console(stderr=True), f"this goes on: {shlex.join(resume_command(path))}")
+    print_line(console(stderr=True), _continuation_text(path))
 
 
 def _reporter(out: Console, quiet: bool) -> "Reporter":

@@ -2,8 +2,12 @@
 
 import hashlib
 import json
+import os
 import re
-from collections.abc import Iterator
+import signal
+import traceback
+import warnings
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +15,7 @@ from typing import Any
 
 import pytest
 
+from orchid_uav.agents.safe_files import sealed
 from orchid_uav.experiments.configuration import Layer, RunConfig, merge
 
 TINY = {
@@ -70,6 +75,11 @@ def cells(directory: Path) -> list[list[str]]:
     return [line.split(",") for line in text.splitlines()]
 
 
+def reseal(path: Path, **changes: Any) -> None:
+    """Change a sealed JSON document as somebody would who knows of seals."""
+    path.write_text(json.dumps(sealed(json.loads(path.read_text()) | changes)))
+
+
 def columns(directory: Path) -> dict[str, list[float]]:
     """The columns of a run's ``episodes.csv``, read without the project's own reader."""
     header, *rows = cells(directory)
@@ -117,3 +127,139 @@ def file_size_limit(size: int) -> Iterator[None]:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+class Audience:
+    """A reporter that remembers what it is told, and calls a function after each update.
+
+    Args:
+        on_show: called with the episodes that are done.
+    """
+
+    def __init__(self, on_show: Callable[[int], None] = lambda episodes: None) -> None:
+        self.on_show = on_show
+        self.began_behind = -1
+        self.episodes = 0
+        self.warnings: list[str] = []
+
+    def begin(self, run, config, rows, reset_episodes) -> None:
+        self.began_behind = self.episodes = len(rows)
+
+    def show(self, rows, reset_episodes) -> None:
+        self.episodes += len(rows)
+        self.on_show(self.episodes)
+
+    def warn(self, message: str) -> None:
+        self.warnings.append(message)
+
+    def end(self) -> None:
+        pass
+
+
+def learned_files(directory: Path) -> tuple[bytes, bytes]:
+    """What of a run must be the same bit for bit, however often it was stopped."""
+    return (
+        (directory / "episodes.csv").read_bytes(),
+        (directory / "policy.safetensors").read_bytes(),
+    )
+
+
+class _InHalves:
+    """A file whose ``write`` takes two steps."""
+
+    def __init__(self, file: Any, tell: Callable[[str], None]) -> None:
+        self._file, self._tell = file, tell
+
+    def write(self, content: Any) -> int:
+        self._tell("write")
+        half = len(content) // 2
+        written = self._file.write(content[:half])
+        self._file.flush()
+        self._tell("write")
+        return written + self._file.write(content[half:])
+
+    def __enter__(self) -> "_InHalves":
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._file.close()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._file, name)
+
+
+def tell_of_file_steps(patch: pytest.MonkeyPatch, tell: Callable[[str], None]) -> None:
+    """Call ``tell`` with its name before each change of a file, and in the middle of each write."""
+
+    def telling(name: str) -> None:
+        original = getattr(os, name)
+
+        def step(*arguments: Any, **options: Any) -> Any:
+            tell(name)
+            return original(*arguments, **options)
+
+        patch.setattr(os, name, step)
+
+    for name in ("mkdir", "rename", "replace", "unlink", "rmdir", "truncate", "fsync"):
+        telling(name)
+    open_path, open_descriptor = Path.open, os.fdopen
+
+    def opened(path: Path, mode: str = "r", *arguments: Any, **options: Any) -> Any:
+        if not set(mode) & set("wax+"):
+            return open_path(path, mode, *arguments, **options)
+        tell("open")
+        return _InHalves(open_path(path, mode, *arguments, **options), tell)
+
+    def descriptor_opened(descriptor: int, mode: str = "r", *arguments: Any, **options: Any) -> Any:
+        file = open_descriptor(descriptor, mode, *arguments, **options)
+        return _InHalves(file, tell) if set(mode) & set("wax+") else file
+
+    patch.setattr(Path, "open", opened)
+    patch.setattr(os, "fdopen", descriptor_opened)
+
+
+def forked(task: Callable[[], object]) -> int:
+    """The number of a process that does the task and ends, with exit code 0 if it succeeded."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # xdist's threads are not our child's
+        child = os.fork()
+    if child:
+        return child
+    code = 70
+    try:
+        signal.signal(signal.SIGALRM, signal.SIG_DFL)
+        signal.alarm(120)  # whatever it waits for
+        task()
+        code = 0
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        os._exit(code)
+
+
+def killed_at_step(task: Callable[[], object], at: int, watch: Callable[..., None]) -> bool:
+    """Do the task in a process that is killed at a step; False where it ended before.
+
+    Args:
+        task: what to do.
+        at: number of the step, from 1.
+        watch: given a monkeypatch and a function, has that called before each step.
+    """
+    steps = 0
+
+    def tell(kind: str) -> None:
+        nonlocal steps
+        steps += 1
+        if steps == at:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    def watched() -> None:
+        watch(pytest.MonkeyPatch(), tell)
+        task()
+
+    _, status = os.waitpid(forked(watched), 0)
+    if os.WIFEXITED(status):
+        assert os.WEXITSTATUS(status) == 0, "the process failed by itself"
+        return False
+    assert os.WTERMSIG(status) == signal.SIGKILL
+    return True

@@ -13,6 +13,7 @@ from safetensors.numpy import load, save
 from orchid_uav.agents import LocalActor, load_policy
 from orchid_uav.agents.actor import policy_files
 from tests.learning import small_model
+from tests.running import reseal
 
 
 @pytest.fixture(scope="module")
@@ -85,8 +86,7 @@ def test_refuses_what_is_no_observation(saved, seen, message):
 
 class TestDamage:
     def rewrite(self, saved: Path, **changes: object) -> None:
-        path = saved / "policy.json"
-        path.write_text(json.dumps({**json.loads(path.read_text()), **changes}))
+        reseal(saved / "policy.json", **changes)
 
     def test_missing_files(self, saved, tmp_path):
         with pytest.raises(FileNotFoundError, match="nowhere"):
@@ -111,7 +111,7 @@ class TestDamage:
         tensors = load((saved / "policy.safetensors").read_bytes())
         for change, message in (
             ({"actor.0.bias": np.zeros(31, np.float32)}, "shape"),
-            ({"actor.0.bias": np.zeros(32, np.float64)}, "float32"),
+            ({"actor.0.bias": np.zeros(32, np.float64)}, "F64"),
             ({"extra": np.zeros(1, np.float32)}, "other tensors"),
             ({"log_std": np.full(4, np.nan, np.float32)}, "finite"),
         ):
@@ -138,7 +138,7 @@ class TestDamage:
 
     def test_a_description_that_is_no_json(self, saved):
         (saved / "policy.json").write_text("{")
-        with pytest.raises(ValueError, match="does not describe"):
+        with pytest.raises(ValueError, match=r"policy\.json is not valid JSON"):
             load_policy(saved)
 
 

@@ -1,5 +1,6 @@
 """``orchid eval``: the same topologies for all, its files, its errors, what interruption leaves."""
 
+import hashlib
 import json
 import os
 import shutil
@@ -18,9 +19,9 @@ from orchid_uav.experiments import evaluation, evaluation_files
 from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.evaluation import Plan, Setting, evaluate, summarise_flights
 from orchid_uav.experiments.methods import known_methods, read_run, rules, select
-from orchid_uav.experiments.run_records import find_run
 from orchid_uav.experiments.metrics import EPISODE_FIGURES, HEADROOM, METRICS
-from tests.running import ESCAPE, TINY_FLAGS, assert_is_an_error
+from orchid_uav.experiments.run_records import find_run
+from tests.running import ESCAPE, TINY_FLAGS, assert_is_an_error, reseal
 
 TINY_EVAL = [
     *("eval", "--uavs=2", "--users=20", "--set=network.episode_slots=10", "--episodes=4"),
@@ -306,7 +307,7 @@ def test_lists_all_methods(evaluate_tiny, tmp_path):
         (["--set=reward.shares=pf"], ["--methods"]),
         (["--set=deployment.init=random"], ["--methods"]),
         (["--uavs=1..100", "--users=1..10000"], ["1,000,000 settings"]),
-        (["--uavs=2,0"], ["--uavs 2,0", "no count"]),
+        (["--uavs=2,0"], ["--uavs 2,0", "no whole number"]),
         (["~nosuchuser/run"], ["~nosuchuser"]),
         (["x" * 300], ["xxx"]),
         (["--episodes=1000000"], ["episodes"]),
@@ -323,17 +324,11 @@ def test_bad_input_is_told_and_leaves_nothing(evaluate_tiny, tmp_path, arguments
     assert list((tmp_path / "work").iterdir()) == []
 
 
-def damaged(directory, name, change):
-    document = json.loads((directory / name).read_text())
-    change(document)
-    (directory / name).write_text(json.dumps(document))
-
-
 @pytest.mark.parametrize(
     ("damage", "part"),
     [
-        (lambda run: damaged(run, "run.json", lambda d: d.update(status="running")), "running"),
-        (lambda run: damaged(run, "run.json", lambda d: d.update(status="failed")), "failed"),
+        (lambda run: reseal(run / "run.json", status="running"), "died"),
+        (lambda run: reseal(run / "run.json", status="failed"), "failed"),
         (lambda run: (run / "run.json").unlink(), "run.json"),
         (lambda run: (run / "run.json").write_text("{"), "run.json"),
         (lambda run: (run / "config.json").unlink(), "config.json"),
@@ -499,17 +494,29 @@ def test_no_share_of_a_headroom_that_is_not_there():
 
 
 def test_a_run_with_the_key_of_a_method_is_refused(evaluate_tiny, run_copy):
-    damaged(run_copy, "run.json", lambda record: record.update(id="static-mmf"))
+    reseal(run_copy / "run.json", id="static-mmf")
+    reseal(run_copy / "policy.json", run="static-mmf")
     assert_is_an_error(evaluate_tiny(run_copy), "static-mmf", "rename")
 
 
 def test_a_damaged_configuration_is_told_in_one_line(evaluate_tiny, run_copy):
-    damaged(run_copy, "config.json", lambda config: config["network"].update(uav_count=-1))
+    path = run_copy / "config.json"
+    config = json.loads(path.read_text())
+    config["network"]["uav_count"] = -1
+    path.write_text(json.dumps(config))
+    assert_is_an_error(evaluate_tiny(run_copy), "config.json", "sha256")
+    checksum = hashlib.sha256(path.read_bytes()).hexdigest()
+    reseal(run_copy / "run.json", config_sha256=checksum)
     assert_is_an_error(evaluate_tiny(run_copy), "config.json", "uav_count")
 
 
+def test_the_policy_of_another_run_is_refused(evaluate_tiny, run_copy):
+    reseal(run_copy / "policy.json", run="20200101T000000Z-orchid-s0-abcd")
+    assert_is_an_error(evaluate_tiny(run_copy), "20200101T000000Z-orchid-s0-abcd")
+
+
 def test_an_interrupted_run_is_flown_with_a_note(evaluate_tiny, run_copy):
-    damaged(run_copy, "run.json", lambda record: record.update(status="interrupted"))
+    reseal(run_copy / "run.json", status="interrupted")
     finished = evaluate_tiny(run_copy, "--methods=static-mmf", "--no-figures")
     assert finished.code == 0
     assert "was interrupted" in finished.err

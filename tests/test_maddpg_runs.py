@@ -167,7 +167,7 @@ class TestRun:
         path = run("--episodes=5", "--set=maddpg.batch_size=8", "--worlds=2")
         assert files_of(path) == {
             *("run.json", "config.json", "episodes.csv", "policy.safetensors", "policy.json"),
-            "events.out.tfevents",
+            *("events.out.tfevents", "checkpoints", ".lock"),
         }
         assert (record_of(path)["status"], record_of(path)["episodes"]) == ("completed", 5)
         assert cells(path)[0] == COLUMNS

@@ -168,9 +168,14 @@ class TestCounts:
         [("0", "0"), ("-1", "-1"), ("2.5", "2.5"), ("1..3:0.5", "1.5"), ("0..4", "0")],
     )
     def test_of_less_than_one_or_of_parts_are_refused(self, text, value):
-        message = f"--uavs {text} contains {value}, which is no count of 1 or more"
+        message = f"--uavs {text} contains {value}, which is no whole number of 1 or more"
         with pytest.raises(InputError, match=f"^{re.escape(message)}$"):
             parse_counts(text, "--uavs")
+
+    def test_may_begin_at_zero_where_the_caller_says_so(self):
+        assert parse_counts("0..2", "--seeds", least=0) == [0, 1, 2]
+        with pytest.raises(InputError, match="whole number of 0 or more"):
+            parse_counts("-1", "--seeds", least=0)
 
     def test_malformed_text_is_told_as_for_numbers(self):
         with pytest.raises(InputError, match=r"^--uavs 'some' is not a number or a range"):

@@ -150,6 +150,8 @@ class TestNewDirectory:
             "run.json",
             "config.json",
             "episodes.csv",
+            ".lock",
+            ".reserve",
         }
         assert json.loads((run.path / "config.json").read_text()) == CONFIG.model_dump(mode="json")
         assert (run.path / "episodes.csv").read_text() == ",".join(COLUMNS) + "\n"
@@ -222,12 +224,13 @@ class TestWhereNothingCanBeWritten:
 
     @pytest.mark.parametrize("name", ["config.json", "run.json"])
     def test_whichever_file_does_not_fit(self, runs_dir, new_runs, monkeypatch, name):
-        def write(path, document):
+        def write(path, content):
             if path.name == name:
                 raise OSError(28, "No space left on device")
-            write_json(path, document)
+            write_atomically(path, content)
 
-        monkeypatch.setattr(run_directory, "write_json", write)
+        monkeypatch.setattr(files, "write_atomically", write)
+        monkeypatch.setattr(run_directory, "write_atomically", write)
         with pytest.raises(InputError, match="No space left on device"):
             create(runs_dir)
         assert new_runs() == []
@@ -318,6 +321,7 @@ class TestEnd:
             "reset_episodes",
             "final",
             "error",
+            "seal",
         }
         assert after.keys() == before.keys()
         for name in before.keys() - of_the_end:
@@ -361,7 +365,7 @@ class TestAtomicWrites:
             Path, "replace", lambda self, to: (done.append("replace"), replace(self, to))
         )
         write_atomically(tmp_path / "a", b"content")
-        assert done == ["fsync", "replace"]
+        assert done == ["fsync", "replace", "fsync"]  # of the content, and of the name
 
     def test_can_be_read_by_colleagues(self, tmp_path):
         write_atomically(tmp_path / "a", b"content")

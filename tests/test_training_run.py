@@ -40,7 +40,7 @@ ALWAYS = {"reset__window": 2, "reset__tolerance_jfi": 1e9, "reset__tolerance_rew
 
 COMPLETE = {
     *("run.json", "config.json", "episodes.csv", "policy.safetensors", "policy.json"),
-    "events.out.tfevents",
+    *("events.out.tfevents", "checkpoints", ".lock"),
 }
 
 
@@ -52,8 +52,11 @@ class Watcher:
         self.episodes = 0
         self.ended = False
 
-    def begin(self, run, config):
+    def begin(self, run, config, rows, reset_episodes):
         self.on_begin()
+
+    def warn(self, message):
+        raise AssertionError(message)
 
     def show(self, rows, reset_episodes):
         self.episodes += len(rows)
