@@ -8,7 +8,7 @@ ROOMS := src envs agents callbacks experiments orchid_cli
 JOBS ?= 2
 
 .DEFAULT_GOAL := help
-.PHONY: help install train test lint bench docs docs-data mutants reference studies clean FORCE
+.PHONY: help install train test lint bench docs docs-data mutants reference studies ablation clean FORCE
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -40,6 +40,9 @@ reference: install  ## train the released policies anew, into runs/reference; ab
 
 studies: install  ## fly the evaluations that the documentation shows; about an hour
 	$(BIN)/python -m benchmarks.studies
+
+ablation: install  ## ten seeds with and without Reset-and-Finetune, compared; about an hour
+	$(BIN)/python -m benchmarks.ablation
 
 docs-data: install  ## numbers and figures of the documentation, from benchmarks/results
 	$(BIN)/python -m docs.generate

@@ -3,6 +3,7 @@
 import hashlib
 import itertools
 import json
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from orchid_uav.agents.safe_files import TensorKind, read_sealed, read_tensors, 
 WEIGHTS_FILE = "policy.safetensors"
 DESCRIPTION_FILE = "policy.json"
 _SCHEMA = 1
-_MOST_LAYERS = 64
+_MOST_LAYERS, _MOST_WEIGHTS = 64, 2**28
 
 Floats = NDArray[np.float32]
 
@@ -113,7 +114,7 @@ def load_policy(path: str | Path) -> LocalActor:
         weights_path = weights_path / WEIGHTS_FILE
     description_path = weights_path.with_suffix(".json")
     for needed in (weights_path, description_path):
-        if not needed.is_file():
+        if not needed.exists():
             raise FileNotFoundError(f"no such file: {needed}")
     description = _read_description(description_path)
     sizes = description["layer_sizes"]
@@ -143,6 +144,7 @@ def _read_description(path: Path) -> dict[str, Any]:
             == ("relu", "tanh")
             and 2 <= len(sizes) <= _MOST_LAYERS
             and all(type(size) is int and 0 < size <= 65536 for size in sizes)
+            and sum(map(math.prod, itertools.pairwise(sizes))) <= _MOST_WEIGHTS
         )
     except (KeyError, TypeError) as error:
         raise ValueError(f"{path} does not describe a policy: {error!r}") from error

@@ -7,6 +7,7 @@ from deep inside a parser, and never numbers that differ from those written.
 
 import hashlib
 import json
+import math
 import stat
 import struct
 from collections.abc import Mapping
@@ -22,6 +23,8 @@ SEAL = "seal"
 LARGEST_DOCUMENT = 4 * 2**20
 """Bytes of a JSON document at most."""
 _LARGEST_HEADER = 2**20
+_DEEPEST_DOCUMENT = 32
+"""Levels of lists and objects; what is written as it was read must not exhaust the stack."""
 _CHUNK = 2**20
 _TYPES = {
     "BOOL": np.bool_,
@@ -90,12 +93,14 @@ def read_document(
     if checksum is not None and hashlib.sha256(content).hexdigest() != checksum:
         raise ValueError(f"{path} is not what was written: its checksum (sha256) does not fit")
     try:
-        document = json.loads(content.decode("utf-8"), parse_constant=_refuse)
+        text = content.decode("utf-8")
+        document = json.loads(text, parse_constant=_refuse)
+        if isinstance(document, dict):
+            _check_content(document, text)
+            return document
     except (ValueError, RecursionError) as error:
         raise ValueError(f"{path} is not valid JSON: {error}") from error
-    if not isinstance(document, dict):
-        raise ValueError(f"{path} is not a JSON object")
-    return document
+    raise ValueError(f"{path} is not a JSON object")
 
 
 def read_sealed(path: Path, largest: int = LARGEST_DOCUMENT) -> dict[str, Any]:
@@ -120,7 +125,27 @@ def _refuse(constant: str) -> None:
     raise ValueError(f"it holds {constant}")
 
 
-def _check_size(path: Path, largest: int) -> None:
+def _check_content(document: Any, text: str) -> None:
+    """Raise ValueError if a document could not be written again as it was read."""
+    if "\\u" in text:
+        json.dumps(document, ensure_ascii=False).encode()  # half of a surrogate pair is no text
+    level = [document]
+    for _ in range(_DEEPEST_DOCUMENT):
+        inner = []
+        for one in level:
+            for value in one.values() if isinstance(one, dict) else one:
+                if isinstance(value, dict | list):
+                    inner.append(value)
+                elif isinstance(value, float) and not math.isfinite(value):
+                    raise ValueError("it holds a number that is too large")
+        level = inner
+        if not level:
+            return
+    raise ValueError(f"it is nested deeper than {_DEEPEST_DOCUMENT} levels")
+
+
+def _check_size(path: Path, largest: int) -> int:
+    """The size of a regular file that may be read."""
     status = path.stat()
     if not stat.S_ISREG(status.st_mode):  # opening a pipe would wait for ever
         raise ValueError(f"{path} is not a regular file")
@@ -128,6 +153,7 @@ def _check_size(path: Path, largest: int) -> None:
         raise ValueError(
             f"{path} has {status.st_size:,} bytes, more than the {largest:,} it may have"
         )
+    return status.st_size
 
 
 def read_bytes(path: Path, largest: int) -> bytes:
@@ -137,9 +163,9 @@ def read_bytes(path: Path, largest: int) -> bytes:
         OSError: it cannot be read.
         ValueError: it is no regular file, or too large.
     """
-    _check_size(path, largest)
+    size = _check_size(path, largest)
     with path.open("rb") as file:
-        return file.read(largest)
+        return file.read(size)  # Python takes memory for all that is asked for
 
 
 def checksum_of_file(path: Path, largest: int) -> str:

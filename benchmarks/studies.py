@@ -70,7 +70,7 @@ def run(name: str) -> None:
         document = json.loads((out / SUMMARY_FILE).read_text(encoding="utf-8"))
         document["planner_wins"] = planner_wins(pq.read_table(out / EPISODES_FILE).to_pylist())
     document["command"] = ["orchid", "eval", *STUDIES[name]]
-    text = json.dumps(_rounded(document), ensure_ascii=False, separators=(",", ":"))
+    text = json.dumps(rounded(document), ensure_ascii=False, separators=(",", ":"))
     # A result a line, so that a change shows what has changed.
     text = text.replace('{"method":"', '\n{"method":"')
     write_atomically(RESULTS / f"{name}.json", (text + "\n").encode())
@@ -92,13 +92,14 @@ def planner_wins(rows: list[dict[str, Any]]) -> dict[str, float]:
     return {label: sum(won) / len(won) for label, won in wins.items()}
 
 
-def _rounded(value: Any) -> Any:
+def rounded(value: Any) -> Any:
+    """A document without what nobody reads at six digits."""
     if isinstance(value, float):
         return float(f"{value:.{DIGITS}g}")
     if isinstance(value, list):
-        return [_rounded(one) for one in value]
+        return [rounded(one) for one in value]
     if isinstance(value, dict):
-        return {key: _rounded(one) for key, one in value.items()}
+        return {key: rounded(one) for key, one in value.items()}
     return value
 
 

@@ -11,7 +11,8 @@ from typing import Any, get_args
 from annotated_types import Ge, Gt, Le, Lt
 from pydantic.fields import FieldInfo
 
-from docs.studies import BLOCKS, draw_studies
+from docs.ablations import ABLATION_BLOCKS, draw_ablations
+from docs.studies import BLOCKS, draw_studies, record_sources
 from orchid_uav.experiments.configuration import RunConfig, unit_of
 
 ROOT = Path(__file__).parent.parent
@@ -93,7 +94,7 @@ def pages() -> dict[Path, str]:
         ROOT / "docs" / "configuration.md": configuration_page(),
         ROOT / "docs" / "performance.md": render(),
     }
-    for name, (path, content) in BLOCKS.items():
+    for name, (path, content) in {**BLOCKS, **ABLATION_BLOCKS}.items():
         text = texts.get(path) or path.read_text(encoding="utf-8")
         texts[path] = replace_block(text, name, content())
     return texts
@@ -104,7 +105,7 @@ def main() -> None:
     for path, text in pages().items():
         path.write_text(text, encoding="utf-8")
         print(f"wrote {path.relative_to(ROOT)}")
-    for path in draw_studies():
+    for path in [*draw_studies(), *draw_ablations(), record_sources()]:
         print(f"wrote {path.relative_to(ROOT)}")
 
 

@@ -255,8 +255,13 @@ def draw_studies() -> list[Path]:
     (FIGURES / "new").rmdir()
     paths.append(FIGURES / "reference_training.png")
     draw_training(paths[-1])
-    write_json(FIGURE_SOURCES, {path.name: _digests(path) for path in paths})
-    return [*paths, FIGURE_SOURCES]
+    return paths
+
+
+def record_sources() -> Path:
+    """Keep what every figure was drawn from."""
+    write_json(FIGURE_SOURCES, figure_digests())
+    return FIGURE_SOURCES
 
 
 def figure_digests() -> dict[str, dict[str, str]]:
@@ -266,7 +271,8 @@ def figure_digests() -> dict[str, dict[str, str]]:
 
 def _digests(figure: Path) -> dict[str, str]:
     """PNG files differ between versions of libraries: to draw and compare them would not do."""
-    sources = [RESULTS / "uavs.json"]
+    own = RESULTS / f"{figure.stem}.json"
+    sources = [own if own.is_file() else RESULTS / "uavs.json"]
     if figure.name.startswith("reference"):
         sources = [REFERENCE / key / "episodes.csv" for key in COMMANDS]
     drawn_from = hashlib.sha256(b"".join(path.read_bytes() for path in sources))

@@ -164,8 +164,11 @@ class RunDirectory:
             "finished": None,
             "error": None,
         }
-        # Room for the last word of a run that fails because the disk is full.
-        (self.path / _RESERVE_FILE).write_bytes(b"." * _RESERVE_SIZE)
+        # Room for the last word of a run that fails because the disk is full; random, since some
+        # file systems compress. Written anew, since what is there may be a link to another file.
+        reserve = self.path / _RESERVE_FILE
+        reserve.unlink(missing_ok=True)
+        reserve.write_bytes(os.urandom(_RESERVE_SIZE))
         self._save()
 
     def _write_config(self, config: RunConfig) -> str:
@@ -217,14 +220,17 @@ class RunDirectory:
             ValueError: the log is damaged.
         """
         path = self.path / EPISODES_FILE
-        content = read_bytes(path, max(_LARGEST_LOG, 2 * size)) if path.is_file() else b""
-        if size and hashlib.sha256(content[:size]).hexdigest() != checksum:
+        if type(size) is not int or size < 0:
+            raise ValueError(f"{size!r} is no size of a log")
+        content = read_bytes(path, max(_LARGEST_LOG, 2 * size))[:size] if path.is_file() else b""
+        if size and (len(content) != size or hashlib.sha256(content).hexdigest() != checksum):
             raise ValueError(f"{path} is not what was written")
-        write_atomically(path, content[:size])
+        rows = _parsed(content.decode()) if size else []
+        write_atomically(path, content)
         self._episodes_size = size
         if not size:
             self.append_episodes([])
-        return read_episodes(path)
+        return rows
 
     def sync_episodes(self) -> tuple[int, str]:
         """Have the log on the disk; its size and SHA-256."""
@@ -282,11 +288,23 @@ def final_figures(rows: Sequence[Row]) -> dict[str, float | None]:
 
 
 def read_episodes(path: Path) -> list[Row]:
-    """The rows of an ``episodes.csv``."""
-    with path.open(newline="", encoding="utf-8") as file:
-        return [
-            {column: float(value) for column, value in row.items()} for row in csv.DictReader(file)
-        ]
+    """The rows of an ``episodes.csv``.
+
+    Raises:
+        OSError: it cannot be read.
+        ValueError: it is no such log.
+    """
+    return _parsed(read_bytes(path, _LARGEST_LOG).decode())
+
+
+def _parsed(text: str) -> list[Row]:
+    header, *lines = text.split("\n")
+    if header != ",".join(EPISODE_COLUMNS) or not lines or lines.pop():
+        raise ValueError("the log of episodes has other columns, or ends in the middle of a row")
+    rows = [dict(zip(EPISODE_COLUMNS, map(float, line.split(",")), strict=True)) for line in lines]
+    if [row["episode"] for row in rows] != list(range(1, len(rows) + 1)):
+        raise ValueError("the log of episodes leaves out some of them")
+    return rows
 
 
 def _formatted(row: Mapping[str, float]) -> list[str]:

@@ -3,7 +3,7 @@
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from pydantic import ValidationError
 
@@ -22,6 +22,25 @@ Status = Literal["running", "completed", "failed", "interrupted"]
 SeenStatus = Literal["running", "completed", "failed", "interrupted", "died"]
 """As others see it: "died" is a run that says it is running and whose process is gone."""
 
+_SHAPES: dict[str, type | tuple[type, ...]] = {
+    "id": str,
+    "name": str,
+    "status": str,
+    "command": list,
+    "versions": dict,
+    "host": dict,
+    "started": str,
+    "finished": (str, type(None)),
+    "seconds": (int, float),
+    "episodes": int,
+    "reset_episodes": list,
+    "final": dict,
+    "error": (str, type(None)),
+    "config_sha256": str,
+    "resumed": list,
+}
+"""What every record holds."""
+
 
 def read_record(path: Path) -> dict[str, Any]:
     """The record of a run directory, as it was written.
@@ -37,8 +56,11 @@ def read_record(path: Path) -> dict[str, Any]:
         raise InputError(f"cannot read {path / RECORD_FILE}: {error.strerror or error}") from error
     except ValueError as error:
         raise InputError(f"cannot read the run: {error}") from error
-    if not {"id", "status", "config_sha256", "final"} <= set(record):
-        raise InputError(f"{path / RECORD_FILE} is no record of a run")
+    for key, shape in _SHAPES.items():
+        if not isinstance(record.get(key, ...), shape):
+            raise InputError(f"{path / RECORD_FILE} is no record of a run: it has no {key}")
+    if record["status"] not in get_args(Status):
+        raise InputError(f"{path / RECORD_FILE} is no record of a run: {record['status']!r}")
     return record
 
 

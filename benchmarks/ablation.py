@@ -1,0 +1,59 @@
+"""The ablations that the documentation shows: ``make ablation``.
+
+Each is one ``orchid ablate`` command. With the directory of one that was begun or is finished, it
+goes on there; what is kept is ``ablation.json`` without digits that nobody reads.
+"""
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from benchmarks.studies import RESULTS, rounded
+from orchid_uav.experiments.ablation_study import DOCUMENT_FILE
+from orchid_uav.experiments.files import write_atomically
+
+ABLATIONS: dict[str, tuple[str, ...]] = {
+    "ablation_no_rf": ("--no-rf",),
+    "ablation_controls": ("--no-rf", "--controls", "all"),
+}
+
+
+def run(name: str, directory: Path) -> None:
+    """Run an ablation in a directory, and write its compact result."""
+    arguments = [*ABLATIONS[name], "--out", str(directory)]
+    subprocess.run([sys.executable, "-m", "orchid_uav", "ablate", *arguments], check=True)
+    compact(name, directory)
+
+
+def compact(name: str, directory: Path) -> None:
+    """The result of a finished ablation."""
+    document = json.loads((directory / DOCUMENT_FILE).read_text(encoding="utf-8"))
+    if document["status"] != "completed":
+        raise SystemExit(f"{directory} is {document['status']}")
+    document["command"] = ["orchid", "ablate", *ABLATIONS[name]]
+    text = json.dumps(rounded(document), ensure_ascii=False, separators=(",", ":"))
+    # A run or a comparison a line, so that a change shows what has changed.
+    for key in ('{"variant":"', '{"method":"', '"energy_efficiency_bit_per_joule":{"n"'):
+        text = text.replace(key, f"\n{key}")
+    write_atomically(RESULTS / f"{name}.json", (text + "\n").encode())
+
+
+def main() -> None:
+    """Run all, or the one named."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("name", nargs="?", choices=ABLATIONS, metavar="ABLATION")
+    parser.add_argument("--out", type=Path, help="directory of the study; needs a name")
+    arguments = parser.parse_args()
+    if arguments.out and not arguments.name:
+        parser.error("--out is that of one ablation: name it")
+    for name in [arguments.name] if arguments.name else ABLATIONS:
+        with tempfile.TemporaryDirectory() as temporary:
+            run(name, arguments.out or Path(temporary) / "study")
+        print(f"wrote {name}.json", flush=True)
+
+
+if __name__ == "__main__":
+    main()

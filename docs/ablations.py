@@ -1,0 +1,152 @@
+"""Blocks of the documentation about ablations, from the committed results."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from docs.studies import FIGURES, ROOT, read, table
+from orchid_uav.cli.ablation_tables import KINDS, comparison_rows, signed, trigger_table
+from orchid_uav.experiments.ablation import FLOWN, SETTLED, TRAINED
+from orchid_uav.experiments.metrics import METRICS, label_of
+from orchid_uav.experiments.run_directory import FINAL_EPISODES
+from orchid_uav.experiments.variants import BASE
+
+NAME = "ablation_no_rf"
+CURVES = FIGURES / f"{NAME}.png"
+_HEADS = ("figure", "difference [95 %]", "relative", "P(better)", "p (Holm)", "verdict")
+
+
+def effects_block() -> str:
+    """What Reset-and-Finetune changes: the differences of the variant without it, first."""
+    document = read(NAME)
+    parts = []
+    for kind, title in KINDS.items():
+        rows = [
+            [figure, *cells[: len(_HEADS) - 1], base, own]
+            for _, figure, *cells, base, own, _ in comparison_rows(document, kind)
+        ]
+        heads = [*_HEADS, "with (IQM)", "without (IQM)"]
+        parts += [f"**{title.capitalize()}**", table(heads, rows)]
+    return "\n\n".join([*parts, _source(document)])
+
+
+def twins_block() -> str:
+    """The policies beside their twins and the rules."""
+    document = read(NAME)
+    rows = []
+    for name in document["values"]["evaluation"]:
+        for kind, suffix in (("evaluation", ""), ("sampled", ", sampled")):
+            values = document["values"][kind][name]
+            shown = [METRICS[figure].text(values[figure]["iqm"]) for figure in FLOWN]
+            rows.append([f"`{name}`{suffix}, IQM of {values[FLOWN[0]]['n']} seeds", *shown])
+    shown_others = _without_repetition(document["others"])
+    for label, result in shown_others.items():
+        rows.append([label, *(METRICS[figure].text(result[figure]["mean"]) for figure in FLOWN)])
+    return table(["", *(METRICS[figure].heading for figure in FLOWN)], rows)
+
+
+def _without_repetition(others: list[Mapping[str, Any]]) -> dict[str, Mapping[str, Any]]:
+    """One twin, one noise alone, and the rules; all twins of one start do the same."""
+    shown: dict[str, Mapping[str, Any]] = {}
+    for result in others:
+        label = f"`{label_of(result)}`"
+        if result["method"].endswith("-zero"):
+            if not result["method"].startswith(f"{BASE}-s0"):
+                continue
+            label = "zero action" if result["deterministic"] else "noise of `base`, seed 0, alone"
+        shown[label] = result
+    return shown
+
+
+def late_block() -> str:
+    """Whether figures fall late in training (claim C4)."""
+    document = read(NAME)
+    rows = []
+    for figure in TRAINED:
+        cells = []
+        for name in (BASE, "no-rf"):
+            change = document["late_changes"][name][figure]
+            low, high = change["ci95"] or (None, None)
+            ends = f" [{signed(figure, low)}, {signed(figure, high)}]" if low is not None else ""
+            cells.append(f"{signed(figure, change['iqm'])}{ends}")
+        rows.append([METRICS[figure].heading, *cells])
+    first, last = SETTLED
+    title = f"last {FINAL_EPISODES} episodes minus episodes {first}–{last}"
+    return table([title, "with", "without"], rows)
+
+
+def trigger_block() -> str:
+    """When the trigger fired, and when it would have."""
+    document = read(NAME)
+    fired = [
+        ", ".join(map(str, run["reset_episodes"])) or "never"
+        for run in document["runs"]
+        if run["variant"] == BASE
+    ]
+    heads, rows = trigger_table(document["replayed_trigger"]["no-rf"])
+    return (
+        f"Episodes at which it fired, by seed: {'; '.join(fired)}.\n\n"
+        "Replayed on the runs without it, for other windows and tolerances:\n\n"
+        + table(heads, rows)
+    )
+
+
+def curves_block() -> str:
+    """The figure."""
+    document = read(NAME)
+    runs = document["learning_curves"][BASE][TRAINED[0]]["runs"]
+    return (
+        f"![Learning curves with and without Reset-and-Finetune](figures/{CURVES.name})\n\n"
+        f"Interquartile mean of {runs} seeds, each a trailing mean of 20 episodes, with 95 % "
+        "bootstrap bands over seeds.\nActions are sampled, and the reward's weights change with "
+        "training progress."
+    )
+
+
+def _source(document: Mapping[str, Any]) -> str:
+    hours = sum(run["seconds"] for run in document["runs"]) / 3600
+    return (
+        f"{document['date']}, {document['host']['processor']}, `{' '.join(document['command'])}`, "
+        f"{hours:.1f} hours of one core; `make ablation` → `benchmarks/results/{NAME}.json`."
+    )
+
+
+def draw_ablations() -> list[Path]:
+    """The learning curves, from the committed points of them."""
+    from matplotlib.figure import Figure
+
+    from orchid_uav.experiments.figures import looks_of
+
+    curves = read(NAME)["learning_curves"]
+    figure = Figure((9, 5.4), layout="constrained")
+    grid = figure.subplots(2, 3, sharex=True)
+    looks = looks_of(["orchid", "orchid-no-rf"])
+    labels = {BASE: ("with", looks["orchid"]), "no-rf": ("without", looks["orchid-no-rf"])}
+    for axes, name in zip(grid.flat, TRAINED, strict=True):
+        scale = METRICS[name].scale
+        for group, (label, look) in labels.items():
+            curve = curves[group][name]
+            middle, low, high = (
+                [value * scale for value in curve[key]] for key in ("iqm", "low", "high")
+            )
+            axes.plot(curve["episodes"], middle, label=label, **(look | {"marker": ""}))
+            axes.fill_between(curve["episodes"], low, high, color=look["color"], alpha=0.2, lw=0)
+        axes.set_title(METRICS[name].heading, fontsize=10)
+        axes.grid(alpha=0.3)
+    for axes in grid[1]:
+        axes.set_xlabel("training episode")
+    handles = grid[0, 0].get_legend_handles_labels()
+    figure.legend(*handles, loc="outside lower center", ncols=2, title="Reset-and-Finetune")
+    figure.savefig(CURVES, dpi=130)
+    return [CURVES]
+
+
+_PAGE = ROOT / "docs" / "ablation.md"
+ABLATION_BLOCKS = {
+    "effects of reset-and-finetune": (_PAGE, effects_block),
+    "late changes": (_PAGE, late_block),
+    "learning curves": (_PAGE, curves_block),
+    "policies and twins": (_PAGE, twins_block),
+    "trigger": (_PAGE, trigger_block),
+}
+"""Page and content of every block, by the name in its markers."""
