@@ -209,9 +209,9 @@ def import_runs(archive: Path, runs_dir: Path) -> list[Path]:
     """
     try:
         with archive.open("rb") as file:
-            room = _check_end(file)
+            _check_end(file)
             with zipfile.ZipFile(file) as unpacker:
-                entries = _check_entries(unpacker.infolist(), room)
+                entries = _check_entries(unpacker.infolist())
                 runs = _read_manifest(unpacker, entries)
                 _check_room(runs_dir, runs)
                 return _unpack(unpacker, runs, runs_dir)
@@ -228,8 +228,8 @@ def import_runs(archive: Path, runs_dir: Path) -> list[Path]:
         raise InputError(f"{archive} is no archive of runs, or damaged: {reason}") from error
 
 
-def _check_end(file: IO[bytes]) -> int:
-    """Bytes before the directory, from the format's last record, which all else relies on.
+def _check_end(file: IO[bytes]) -> None:
+    """What the format's last record says, before anything relies on it.
 
     An archive of another layout, with a comment or with extensions for large files, is no export.
     """
@@ -245,10 +245,9 @@ def _check_end(file: IO[bytes]) -> int:
         raise ValueError("its directory is not where it should be")
     if count > MOST_FILES or length > _LARGEST_DIRECTORY:
         raise ValueError(f"it has {count:,} files and a directory of {length:,} bytes")
-    return int(start)
 
 
-def _check_entries(entries: Sequence[zipfile.ZipInfo], room: int) -> dict[str, zipfile.ZipInfo]:
+def _check_entries(entries: Sequence[zipfile.ZipInfo]) -> dict[str, zipfile.ZipInfo]:
     """The entries by name, none of which can surprise."""
     by_name: dict[str, zipfile.ZipInfo] = {}
     folded: set[str] = set()
@@ -256,7 +255,7 @@ def _check_entries(entries: Sequence[zipfile.ZipInfo], room: int) -> dict[str, z
         name = entry.orig_filename
         run_id, separator, inner = name.partition("/")
         is_known = bool(separator and _ID.fullmatch(run_id) and _FILE.fullmatch(inner))
-        if entry.filename != name or not (is_known or name == MANIFEST):
+        if not (is_known or name == MANIFEST):
             raise ValueError(f"it holds {name!r:.80}, which is no file of a run")
         if name.casefold() in folded:
             raise ValueError(f"it holds {name} twice")
@@ -272,8 +271,6 @@ def _check_entries(entries: Sequence[zipfile.ZipInfo], room: int) -> dict[str, z
             raise ValueError(f"{name} would unpack to {ratio:,.0f} times its size")
         folded.add(name.casefold())
         by_name[name] = entry
-    if sum(entry.compress_size for entry in entries) > room:
-        raise ValueError("its files overlap")
     total = sum(entry.file_size for entry in entries)
     if total > LARGEST_TOTAL:
         raise ValueError(f"it would unpack to {total:,} bytes, more than {LARGEST_TOTAL:,}")

@@ -14,7 +14,7 @@ SAMPLES = 10
 """Episodes of the table that stands for a plot where there is no terminal."""
 _COLOURS = ("#56B4E9", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#F0E442", "#0072B2")
 _LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
-_LEAST_WIDTH = 20
+_LEAST_COLUMNS = 12
 _BRAILLE = 0x2800
 _DOTS = ((0x01, 0x08), (0x02, 0x10), (0x04, 0x20), (0x40, 0x80))
 """Bits of the dots of a braille character, by row and column."""
@@ -70,8 +70,8 @@ def terminal_curves(
         braille: draw with dots, and tell curves apart by colour; otherwise by letters, in ASCII.
 
     Returns:
-        Lines of at most ``width`` characters (of at least 20); a plain sentence where there is
-        nothing to draw.
+        Lines of at most ``width`` characters, unless that leaves the plot less than 12 beside its
+        axis; a plain sentence where there is nothing to draw.
     """
     points = [_finite_points(line) for line in lines]
     everything = [point for one in points for point in one]
@@ -82,7 +82,7 @@ def terminal_curves(
     last = max(2.0, *(episode for episode, _ in everything))
     marks = [f"{high - (high - low) * row / (height - 1):.{digits}f}" for row in range(height)]
     margin = max(map(len, marks))
-    across = max(width, _LEAST_WIDTH) - margin - 2
+    across = max(width - margin - 2, _LEAST_COLUMNS)
     draw = _draw_braille if pens.uses_braille else _draw_letters
     rows = draw([_placed(one, last, low, high) for one in points], across, height)
     plot = [Text(heading, style="bold")]
@@ -176,7 +176,7 @@ def _episode_axis(last: float, across: int) -> str:
     left = f"1{middle:>{across // 2 + len(middle) // 2 - 1}}"
     room = across - len(left) - len(end)
     title = "episode" if room > len("episode") + 1 else ""
-    return f"{left}{title:^{room}}{end}"
+    return f"{left}{title:^{max(room, 1)}}{end}"
 
 
 def _legend(names: Sequence[str], width: int, uses_braille: bool) -> list[Text]:

@@ -38,7 +38,7 @@ _SELECTION, _CURVES = "Selection", "Learning curves"
 _RUN = "A run's id, the beginning of one, or a path."
 _TERMINAL_METRIC = "reward"
 
-RunsArgument = Annotated[list[str], typer.Argument(metavar="RUN...", help=_RUN)]
+RunsArgument = Annotated[list[str], typer.Argument(metavar="RUN", help=_RUN)]
 RunsDirOption = Annotated[
     Path,
     typer.Option(

@@ -341,6 +341,7 @@ class TestWhere:
             ("reset.kapa=0.1", ["reset.kapa", "did you mean 'reset.kappa'"]),
             ("kapa=0.1", ["did you mean 'reset.kappa'"]),
             ("train.seed=1", ["did you mean 'training.seed'"]),
+            ("zzzzzzzzzzzzzz.kappa=1", ["did you mean 'reset.kappa'"]),
             ("rate_jfy>0", ["did you mean 'rate_jfi'"]),
             ("statsu=died", ["did you mean 'status'"]),
             ("xyzzy=1", ["xyzzy", "orchid config show", "rate_jfi", "status"]),
