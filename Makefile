@@ -34,6 +34,7 @@ bench: install  ## measure speed and memory, ratios within one run; then make do
 	$(BIN)/python -m benchmarks.simulator --json benchmarks/results/simulator.json
 	$(BIN)/python -m benchmarks.training --repetitions 5 --json benchmarks/results/training.json
 	$(BIN)/python -m benchmarks.evaluation --json benchmarks/results/evaluation.json
+	$(BIN)/python -m benchmarks.run_index --json benchmarks/results/run_index.json
 
 reference: install  ## train the released policies anew, into runs/reference; about half an hour
 	$(BIN)/python -m benchmarks.reference_policies

@@ -220,6 +220,18 @@ def mobility_block() -> str:
     return "\n\n".join([*parts, source("mobility", document)])
 
 
+def run_index_block() -> str:
+    """What a listing takes."""
+    document = read("run_index")
+    rows = [[name, f"{case['median']:.2f}"] for name, case in document["seconds"].items()]
+    settings = document["settings"]
+    return (
+        table([f"{settings['runs']:,} runs", "seconds"], rows)
+        + f"\n\nMedians of {settings['repetitions']} turns. {document['date']}, "
+        f"{document['host']['processor']}, `{document['command']}`."
+    )
+
+
 def readme_block() -> str:
     """The UAV study's figure and one table."""
     document = read("methods")
@@ -320,6 +332,7 @@ BLOCKS = {
     "uav study at 60 MHz": (ROOT / "docs" / "evaluation.md", shared_bandwidth_block),
     "restarts study": (ROOT / "docs" / "evaluation.md", restarts_block),
     "mobility study": (ROOT / "docs" / "evaluation.md", mobility_block),
+    "run index": (ROOT / "docs" / "runs.md", run_index_block),
     "evaluation": (ROOT / "README.md", readme_block),
 }
 """Page and content of every block, by the name in its markers."""

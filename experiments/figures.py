@@ -67,7 +67,7 @@ _RUN_COLOURS = (_PURPLE, _GREEN, _VERMILLION, _ORANGE, _SKY, _GREY, _BLACK)
 _RUN_MARKERS = ((4, 1, 0), (6, 1, 0), "8", (3, 1, 0), "H")
 _RUN_LINES = (_LONG, _DASHED, _DOT, _TWO_DOTS, _TWO_DASHES, _SPARSE)
 
-_STYLE = {
+STYLE = {
     "axes.axisbelow": True,
     "axes.formatter.useoffset": False,
     "axes.grid": True,
@@ -116,7 +116,7 @@ def draw_figures(
         figure = draw_metric(results, metric)
         if figure is None:
             continue
-        with style.context(["default", _STYLE]):
+        with style.context(["default", STYLE]):
             for suffix in ("png", "svg"):
                 paths.append(directory / f"{metric}.{suffix}")
                 figure.savefig(paths[-1], metadata={"Date": None})
@@ -133,7 +133,7 @@ def draw_metric(results: Results, metric: str) -> Figure | None:
     sheet = _Sheet(results, metric)
     if not sheet.curves:
         return None
-    with style.context(["default", _STYLE]):
+    with style.context(["default", STYLE]):
         return sheet.draw_lines() if sheet.dimension else sheet.draw_dots()
 
 
@@ -180,13 +180,13 @@ class _Sheet:
         rows = math.ceil(len(self.panels) / columns)
         width_in = COLUMN_IN if columns == 1 else PAGE_IN
         panel_in = min(2.0, max(1.5, 0.55 * width_in / columns))
-        legends = [_legend_shape(labels, width_in) for _, labels in families]
+        legends = [legend_shape(labels, width_in) for _, labels in families]
         heights_in = [rows * (panel_in + 0.2) + 0.14 * lines + 0.4 for lines, _ in legends]
         figure = self._begin_figure("Band", twins, width_in, sum(heights_in))
         blocks = figure.subfigures(len(families), squeeze=False, height_ratios=heights_in)[:, 0]
         first: Axes | None = None
         for block, (title, labels), (_, count) in zip(blocks, families, legends, strict=True):
-            ylabel = _wrap(self.heading, panel_in)
+            ylabel = wrap(self.heading, panel_in)
             panels = self._add_panels(
                 block, columns, width_in, first, _DIMENSIONS[self.dimension or ""], ylabel
             )
@@ -201,7 +201,7 @@ class _Sheet:
         places = sorted({place for curve in self.curves.values() for _, place in curve})
         first.set_xticks(_far_apart(places, 9 if columns < 3 else 5))
         first.set_ylim(*_within_bounds(self.metric, first.get_ylim()))
-        first.yaxis.set_major_locator(_round_ticks())
+        first.yaxis.set_major_locator(round_ticks())
         return figure
 
     def _draw_line(self, axes: Axes, label: str, panel: _Setting) -> None:
@@ -226,7 +226,7 @@ class _Sheet:
         width_in = max(PAGE_IN if columns > 1 else COLUMN_IN, names_in + 1.7 * columns)
         height_in = math.ceil(len(self.panels) / columns) * (0.4 + 0.15 * len(self.curves)) + 0.4
         figure = self._begin_figure("Bar", {}, width_in, height_in)
-        xlabel = _wrap(self.heading, (width_in - names_in) / columns)
+        xlabel = wrap(self.heading, (width_in - names_in) / columns)
         panels = self._add_panels(figure, columns, width_in - names_in, None, xlabel, "")
         for axes, panel in zip(panels, self.panels, strict=True):
             for row, (label, curve) in enumerate(self.curves.items()):
@@ -238,7 +238,7 @@ class _Sheet:
         panels[0].set_xlim(*_within_bounds(self.metric, panels[0].get_xlim()))
         panels[0].set_ylim(len(self.curves) - 0.5, -0.5)
         panels[0].set_yticks(range(len(self.curves)), list(self.curves))
-        panels[0].xaxis.set_major_locator(_round_ticks())
+        panels[0].xaxis.set_major_locator(round_ticks())
         return figure
 
     def _begin_figure(
@@ -253,7 +253,7 @@ class _Sheet:
         for static in dict.fromkeys(twins.values()):
             names = ", ".join(label for label, same in twins.items() if same == static)
             sentences.append(f"Not drawn, the same as {static}: {names}.")
-        footnote = _wrap(" ".join(sentences), width_in, 6.5)
+        footnote = wrap(" ".join(sentences), width_in, 6.5)
         height_in += 0.12 * (1 + footnote.count("\n"))
         figure = Figure((width_in, height_in), layout="constrained")
         figure.supxlabel(footnote, x=0.01, ha="left")
@@ -275,7 +275,7 @@ class _Sheet:
             axes = block.add_subplot(rows, columns, index + 1, sharex=first, sharey=first)
             first = first or axes
             is_left, is_lowest = index % columns == 0, index + columns >= len(self.panels)
-            axes.set_title(_wrap(title, width_in / columns))
+            axes.set_title(wrap(title, width_in / columns))
             axes.set_xlabel(xlabel if is_lowest else "")
             axes.set_ylabel(ylabel if is_left else "")
             axes.tick_params(left=is_left, labelleft=is_left)
@@ -362,7 +362,8 @@ def _far_apart(places: Sequence[float], most: int) -> list[float]:
     return chosen
 
 
-def _round_ticks() -> MaxNLocator:
+def round_ticks() -> MaxNLocator:
+    """Few ticks at round numbers."""
     return MaxNLocator(6, steps=[1, 2, 2.5, 5, 10])
 
 
@@ -371,13 +372,14 @@ def _width_in(text: str) -> float:
     return TextPath((0, 0), text, size=7).get_extents().width / 72
 
 
-def _wrap(text: str, width_in: float, points: float = 8) -> str:
+def wrap(text: str, width_in: float, points: float = 8) -> str:
+    """Text in lines of a width, in type of so many points."""
     width = max(1, int(120 * width_in / points))
     wrapped = textwrap.fill(text, width, break_long_words=False, break_on_hyphens=False)
     return wrapped.replace(_UNBREAKABLE, " ")
 
 
-def _legend_shape(labels: Sequence[str], width_in: float) -> tuple[int, int]:
+def legend_shape(labels: Sequence[str], width_in: float) -> tuple[int, int]:
     """Lines and columns: as few lines as there is room for."""
     widths_in = [0.55 + _width_in(label) for label in labels]
     for lines in range(1, len(labels)):

@@ -25,14 +25,15 @@ from orchid_uav.experiments.curves import (
     smoothed,
 )
 from orchid_uav.experiments.figures import (
-    _STYLE,
     COLUMN_IN,
     PAGE_IN,
-    _legend_shape,
-    _round_ticks,
-    _wrap,
+    STYLE,
+    legend_shape,
     looks_of,
+    round_ticks,
+    wrap,
 )
+from orchid_uav.experiments.metrics import METRICS
 
 __all__ = ["curve_table", "draw_learning_curves", "smoothed"]
 
@@ -72,7 +73,7 @@ def draw_learning_curves(
     shown = {name: runs for name, runs in shown.items() if runs}
     if not shown or not columns:
         raise ValueError("there is nothing to draw: no episodes, or no columns")
-    with style.context(["default", _STYLE]):
+    with style.context(["default", STYLE]):
         figure = _Sheet(shown, columns, window, marks).draw()
         figure.savefig(path, metadata=_without_date(path))
 
@@ -99,8 +100,8 @@ class _Sheet:
         rows = math.ceil(len(self.columns) / across)
         width_in = COLUMN_IN if across == 1 else PAGE_IN
         labels = {name: self._label(name) for name in self.groups}
-        lines, count = _legend_shape(list(labels.values()), width_in)
-        footnote = _wrap(" ".join(self._footnotes()), width_in, 6.5)
+        lines, count = legend_shape(list(labels.values()), width_in)
+        footnote = wrap(" ".join(self._footnotes()), width_in, 6.5)
         height_in = rows * (_PANEL_IN + 0.2) + 0.14 * lines + 0.12 * footnote.count("\n") + 0.45
         figure = Figure((width_in, height_in), layout="constrained")
         figure.supxlabel(footnote, x=0.01, ha="left")
@@ -113,7 +114,7 @@ class _Sheet:
             first = first or axes
             is_lowest = index + across >= len(self.columns)
             self._draw_panel(axes, column)
-            axes.set_title(_wrap(heading_of(column), width_in / across))
+            axes.set_title(wrap(heading_of(column), width_in / across))
             axes.set_xlabel("episode" if is_lowest else "")
             axes.tick_params(bottom=is_lowest, labelbottom=is_lowest)
         assert first is not None
@@ -151,7 +152,11 @@ class _Sheet:
                 scalex=False,
                 scaley=False,
             )
-        axes.yaxis.set_major_locator(_round_ticks())
+        low, high = axes.get_ylim()
+        least = 10.0 ** -METRICS[column].digits if column in METRICS else 0.0
+        if high - low < least:  # differences that no table shows shall not fill a panel either
+            axes.set_ylim((low + high - least) / 2, (low + high + least) / 2)
+        axes.yaxis.set_major_locator(round_ticks())
 
     def _draw_line(self, axes: Axes, curve: Curve, look: Mapping[str, Any], number: int) -> None:
         """With a few markers, a part of their distance further on for each group."""
