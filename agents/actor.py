@@ -18,6 +18,8 @@ WEIGHTS_FILE = "policy.safetensors"
 DESCRIPTION_FILE = "policy.json"
 _SCHEMA = 1
 _MOST_LAYERS, _MOST_WEIGHTS = 64, 2**28
+_LARGEST_OBSERVATION, _LARGEST_LOG_STD = 1e3, 100.0
+"""Far beyond those that occur."""
 
 Floats = NDArray[np.float32]
 
@@ -130,7 +132,20 @@ def load_policy(path: str | Path) -> LocalActor:
         (tensors[f"actor.{index}.weight"], tensors[f"actor.{index}.bias"])
         for index in range(len(sizes) - 1)
     ]
+    if (
+        _largest_output(layers) > float(np.finfo(np.float32).max)
+        or tensors["log_std"].max() > _LARGEST_LOG_STD
+    ):
+        raise ValueError(f"{weights_path} holds numbers so large that actions overflow")
     return LocalActor(layers, tensors["log_std"], description)
+
+
+def _largest_output(layers: Sequence[tuple[Floats, Floats]]) -> float:
+    """What nothing within the network can exceed, in whatever order its sums are taken."""
+    bound = _LARGEST_OBSERVATION
+    for weight, bias in layers:
+        bound = float((np.abs(weight).sum(axis=1, dtype=float) * bound + np.abs(bias)).max())
+    return bound
 
 
 def _read_description(path: Path) -> dict[str, Any]:

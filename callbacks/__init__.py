@@ -1,6 +1,6 @@
 """What happens while training."""
 
-from orchid_uav.callbacks.checkpoints import Checkpoints
+from orchid_uav.callbacks.checkpoints import Checkpoints, StoppedError
 from orchid_uav.callbacks.episode_log import EpisodeLog
 from orchid_uav.callbacks.episodes import EpisodeCallback
 from orchid_uav.callbacks.reset_and_finetune import ResetAndFinetune
@@ -12,4 +12,5 @@ __all__ = [
     "EpisodeLog",
     "ProgressSchedules",
     "ResetAndFinetune",
+    "StoppedError",
 ]

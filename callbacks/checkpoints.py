@@ -5,12 +5,17 @@ from collections.abc import Callable
 from orchid_uav.callbacks.episodes import Episode, EpisodeCallback
 
 
+class StoppedError(Exception):
+    """Ends ``learn`` between two rollouts: a slot more could end an episode without its update."""
+
+
 class Checkpoints(EpisodeCallback):
     """Has the state saved every few episodes, at the end, and when a stop is asked for.
 
     Always between two rollouts: the update on the last one is done and the buffer is empty, so the
     state is small and whole. A stop that is asked for follows the update that the rollout in
-    progress leads to. List it last, so that all other callbacks have acted.
+    progress leads to, as a :class:`StoppedError`. List it last, so that all other callbacks have
+    acted.
 
     Args:
         every: episodes from one save to the next.
@@ -28,7 +33,7 @@ class Checkpoints(EpisodeCallback):
         self.every = every
         self._save = save
         self._is_stop_requested = is_stop_requested
-        self._is_due = self._is_stopping = False
+        self._is_due = False
 
     def _on_episodes(self, episodes: list[Episode]) -> None:
         done = self.episodes_done
@@ -36,15 +41,13 @@ class Checkpoints(EpisodeCallback):
 
     def _on_rollout_start(self) -> None:
         super()._on_rollout_start()
-        self._is_stopping = self._is_stop_requested()
-        if self._is_due or self._is_stopping:
+        is_stopping = self._is_stop_requested()
+        if self._is_due or is_stopping:
             self._is_due = False
             self._save(self.episodes_done)
-
-    def _on_step(self) -> bool:
-        return super()._on_step() and not self._is_stopping
+        if is_stopping:
+            raise StoppedError
 
     def _on_training_end(self) -> None:
         super()._on_training_end()
-        if not self._is_stopping:
-            self._save(self.episodes_done)
+        self._save(self.episodes_done)

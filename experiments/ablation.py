@@ -21,7 +21,6 @@ from orchid_uav.experiments.methods import (
 )
 from orchid_uav.experiments.metrics import METRICS
 from orchid_uav.experiments.run_directory import FINAL_EPISODES, Row, final_figures
-from orchid_uav.experiments.run_records import read_record, status_of
 from orchid_uav.experiments.training_job import TrainingJob
 from orchid_uav.experiments.variants import BASE, Variant, applied
 
@@ -129,12 +128,15 @@ def key_of(name: str, seed: int) -> str:
 
 
 def world_values(config: RunConfig, base: RunConfig) -> dict[str, Any]:
-    """What a variant's world has otherwise than the base's: it is flown in its own."""
+    """What a variant's world has otherwise than the base's: it is flown in its own.
+
+    Weights of the reward are none of it: all policies are judged by the base's.
+    """
     own, others = flatten(config), flatten(base)
     return {
         key: value
         for key, value in own.items()
-        if key.partition(".")[0] not in LEARNING_SECTIONS
+        if key.partition(".")[0] not in (*LEARNING_SECTIONS, "reward")
         and key not in METHOD_KEYS
         and value != others[key]
     }
@@ -151,12 +153,8 @@ def differing_worlds(ablation: Ablation) -> dict[str, list[str]]:
 
 def read_policies(jobs: Iterable[TrainingJob]) -> dict[tuple[str, int], Policy]:
     """Policies of the runs that are complete, by name and seed."""
-    policies = {}
-    for job in jobs:
-        path = job.find()
-        if path is not None and status_of(path, read_record(path)) == "completed":
-            policies[job.name, job.config.training.seed] = read_run(path)
-    return policies
+    found = [(job, job.completed()) for job in jobs]
+    return {(job.name, job.config.training.seed): read_run(path) for job, path in found if path}
 
 
 def flown_values(
@@ -183,7 +181,7 @@ def trained_values(logs: Sequence[Sequence[Row]]) -> Values:
 
 
 def _number(value: float | None) -> float:
-    return float("nan") if value is None else value
+    return math.nan if value is None else value
 
 
 def compare(
@@ -222,24 +220,25 @@ def late_changes(logs: Mapping[str, Sequence[Sequence[Row]]]) -> dict[str, Any] 
 
     None where runs are too short for that.
     """
-    first, last = SETTLED
     runs = [rows for own in logs.values() for rows in own if rows]
-    if not runs or min(map(len, runs)) < last + FINAL_EPISODES:
+    if not runs or min(map(len, runs)) < SETTLED[1] + FINAL_EPISODES:
         return None
     return {
         name: {
-            figure: describe_seeds(
-                [
-                    fmean(row[figure] for row in rows[-FINAL_EPISODES:])
-                    - fmean(row[figure] for row in rows[first - 1 : last])
-                    for rows in own
-                    if rows
-                ]
-            )
+            figure: describe_seeds([_late_change(rows, figure) for rows in own])
             for figure in TRAINED
         }
         for name, own in logs.items()
     }
+
+
+def _late_change(rows: Sequence[Row], figure: str) -> float:
+    """NaN for a run that failed."""
+    if not rows:
+        return math.nan
+    first, last = SETTLED
+    values = [row[figure] for row in rows]
+    return fmean(values[-FINAL_EPISODES:]) - fmean(values[first - 1 : last])
 
 
 def replayed_trigger(logs: Sequence[Sequence[Row]]) -> list[dict[str, Any]]:
@@ -269,7 +268,7 @@ def _first_firing(rows: Sequence[Row], window: int, tolerance: float) -> int | N
     jfi = [row["rate_jfi"] for row in rows]
     reward = [row["reward"] for row in rows]
     for episode in range(2 * window, len(rows) + 1):
-        since = max(0, episode - 2 * window)
-        if has_plateaued(jfi[since:episode], reward[since:episode], window, tolerance, tolerance):
+        windows = slice(episode - 2 * window, episode)
+        if has_plateaued(jfi[windows], reward[windows], window, tolerance, tolerance):
             return episode
     return None

@@ -14,13 +14,14 @@ from safetensors.numpy import save
 from orchid_uav.agents.safe_files import TensorKind, read_sealed, read_tensors, sealed
 from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.files import json_bytes, sync_directory
+from orchid_uav.experiments.run_records import CHECKPOINTS_FOLDER
 from orchid_uav.experiments.training_state import TrainingState
 
-CHECKPOINTS_FOLDER = "checkpoints"
 STATE_FILE = "state.json"
 _SCHEMA = 1
 _LARGEST_STATE = 64 * 2**20
 _PLACE = re.compile(r"\.([0-9]+)\.old|([0-9]+)")
+_LEFTOVER = re.compile(r"\.[0-9]+\.(new|old|gone)")
 
 Kinds = dict[str, dict[str, TensorKind]]
 
@@ -112,7 +113,9 @@ class CheckpointStore:
     def _remove_leftovers(self) -> None:
         """What a process left that died while it wrote, removed or, put back, replaced one."""
         places = {path: episode for episode, path in self._places().items()}
-        for path in self.folder.glob(".*"):
+        for path in list(self.folder.iterdir()):
+            if not _LEFTOVER.fullmatch(path.name):
+                continue
             if path in places:
                 path.rename(self.folder / str(places[path]))
             else:

@@ -275,15 +275,15 @@ def file_layer(path: Path) -> Layer:
     return Layer(str(path), _by_dotted_key(nested, str(path)))
 
 
-def assignment_layer(assignments: Iterable[str]) -> Layer:
+def assignment_layer(assignments: Iterable[str], option: str = "--set") -> Layer:
     """Assignments ``section.key=value`` from the command line, values as in JSON or plain words."""
     values: dict[str, Any] = {}
     for assignment in assignments:
         key, separator, text = assignment.partition("=")
         if not separator:
-            raise InputError(f"--set {assignment} is not of the form section.key=value")
+            raise InputError(f"{option} {assignment} is not of the form section.key=value")
         values[key.strip()] = _parse(text.strip())
-    return Layer("--set", values)
+    return Layer(option, values)
 
 
 def merge(layers: Iterable[Layer]) -> tuple[RunConfig, dict[str, str]]:

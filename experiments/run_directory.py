@@ -10,11 +10,13 @@ import secrets
 import shutil
 import string
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from statistics import fmean
 from typing import Any
 
+from orchid_uav.agents.actor import DESCRIPTION_FILE, WEIGHTS_FILE
 from orchid_uav.agents.safe_files import read_bytes, sealed
 from orchid_uav.envs.metrics import EPISODE_METRICS
 from orchid_uav.experiments.configuration import RunConfig
@@ -113,6 +115,7 @@ class RunDirectory:
             )
             run.record["config_sha256"] = run._write_config(config)
             run.append_episodes([])
+            run._reserve()
             run._begin()
         except BaseException as error:
             shutil.rmtree(path, ignore_errors=True)
@@ -136,8 +139,14 @@ class RunDirectory:
         run = cls(path, {})
         try:
             run.record = read_record(path)
-            if read_config(path, run.record) != config:
+            run._reserve()  # before anything changes
+            known, episodes = read_config(path, run.record), config.training.episodes
+            if config != known:
+                is_longer = episodes > known.training.episodes
+                if not is_longer or config != known.extended_to(episodes):
+                    raise InputError(f"run {path.name} was changed by another process meanwhile")
                 run._replace_config(config)
+            run._remove_leftovers()
             run.is_resumed = True
             run.record["resumed"] = [
                 *run.record["resumed"],
@@ -149,13 +158,20 @@ class RunDirectory:
                 },
             ]
             run._begin()
-        except OSError as error:
-            run._lock.release()
-            raise InputError(f"cannot write to {path}: {error.strerror or error}") from error
-        except BaseException:
-            run._lock.release()
+        except BaseException as error:
+            with suppress(OSError):
+                run._give_reserve_back()
+            run.release()
+            if isinstance(error, OSError):
+                raise InputError(f"cannot write to {path}: {error.strerror or error}") from error
             raise
         return run
+
+    def _remove_leftovers(self) -> None:
+        """What a process left that died as it replaced a file."""
+        for name in (RECORD_FILE, CONFIG_FILE, EPISODES_FILE, WEIGHTS_FILE, DESCRIPTION_FILE):
+            for path in self.path.glob(f".{name}.*"):
+                path.unlink()
 
     def _begin(self) -> None:
         self.record |= {
@@ -164,12 +180,19 @@ class RunDirectory:
             "finished": None,
             "error": None,
         }
-        # Room for the last word of a run that fails because the disk is full; random, since some
-        # file systems compress. Written anew, since what is there may be a link to another file.
-        reserve = self.path / _RESERVE_FILE
-        reserve.unlink(missing_ok=True)
-        reserve.write_bytes(os.urandom(_RESERVE_SIZE))
         self._save()
+
+    def _reserve(self) -> None:
+        """Room for the last word of a run that fails because the disk is full.
+
+        Random, since some file systems compress, and in a new file, since what is there may be a
+        link to another one.
+        """
+        self._give_reserve_back()
+        (self.path / _RESERVE_FILE).write_bytes(os.urandom(_RESERVE_SIZE))
+
+    def _give_reserve_back(self) -> None:
+        (self.path / _RESERVE_FILE).unlink(missing_ok=True)
 
     def _write_config(self, config: RunConfig) -> str:
         content = json_bytes(config.model_dump(mode="json"))
@@ -180,7 +203,7 @@ class RunDirectory:
         """In an order that leaves no moment at which record and configuration do not fit."""
         content = json_bytes(config.model_dump(mode="json"))
         self.record["next_config_sha256"] = hashlib.sha256(content).hexdigest()
-        self._save()
+        self._begin()  # no longer complete, whatever happens from here on
         self.record["config_sha256"] = self._write_config(config)
         del self.record["next_config_sha256"]
 
@@ -262,8 +285,23 @@ class RunDirectory:
             "final": final_figures(rows),
             "error": error,
         }
-        (self.path / _RESERVE_FILE).unlink(missing_ok=True)
+        self._give_reserve_back()
         self._save()
+        self.release()
+
+    def give_up(self, status: Status, error: str | None) -> None:
+        """Record that a resumed run could not go on; what it had achieved stays."""
+        self.record |= {
+            "status": status,
+            "finished": datetime.now(UTC).isoformat(timespec="seconds"),
+            "error": error,
+        }
+        self._give_reserve_back()
+        self._save()
+        self.release()
+
+    def release(self) -> None:
+        """Let others write, if they may not already."""
         self._lock.release()
 
     def _save(self) -> None:

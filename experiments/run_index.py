@@ -25,6 +25,7 @@ from orchid_uav.experiments.run_directory import (
     final_figures,
 )
 from orchid_uav.experiments.run_records import (
+    CHECKPOINTS_FOLDER,
     EPISODES_FILE,
     RECORD_FILE,
     SeenStatus,
@@ -41,7 +42,6 @@ RECORD_KEYS = (
     *("command", "error"),
 )
 """What a run's record says of it, besides "host.*" and "versions.*"."""
-CHECKPOINTS_FOLDER = "checkpoints"
 RESUMABLE = ("died", "interrupted", "failed")
 """A run in one of these states can go on."""
 

@@ -25,6 +25,8 @@ class RunLock:
     """
 
     def __init__(self, directory: Path) -> None:
+        if not directory.is_dir():  # FileLock would make it
+            raise InputError(f"cannot write to {directory}: no such directory")
         self._lock = FileLock(directory / LOCK_FILE)
         try:
             self._lock.acquire(timeout=_PATIENCE_S)

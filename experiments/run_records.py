@@ -15,6 +15,7 @@ from orchid_uav.experiments.files import expanded
 from orchid_uav.experiments.run_lock import is_alive
 
 RECORD_FILE, CONFIG_FILE, EPISODES_FILE = "run.json", "config.json", "episodes.csv"
+CHECKPOINTS_FOLDER = "checkpoints"
 DEFAULT_RUNS_DIR = Path("runs")
 _LARGEST_CONFIG = 2**20
 
@@ -101,6 +102,11 @@ def status_of(path: Path, record: Mapping[str, Any]) -> SeenStatus:
         return "died"
     status: SeenStatus = record["status"]
     return status
+
+
+def has_checkpoint(path: Path) -> bool:
+    """Whether there is something that a run can go on from."""
+    return any((path / CHECKPOINTS_FOLDER).glob("*/"))
 
 
 def resume_command(path: Path) -> list[str]:

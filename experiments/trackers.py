@@ -10,6 +10,7 @@ import platform
 import sys
 import time
 from collections.abc import Mapping
+from itertools import chain, count
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -47,7 +48,10 @@ class TensorBoardTracker:
         self._event, self._summary = Event, Summary
         self._start = SessionLog(status=SessionLog.START)
         name = f"events.out.tfevents.{int(time.time())}.{platform.node()}.{os.getpid()}"
-        self._records = RecordWriter((directory / name).open("wb"))
+        # Where the clock was set back, another process of this number may have had the name.
+        names = chain([name], (f"{name}.{number}" for number in count(1)))
+        path = next(path for path in map(directory.joinpath, names) if not path.exists())
+        self._records = RecordWriter(path.open("xb"))
         self._write(file_version="brain.Event:2")
 
     def resume(self, episodes: int) -> None:

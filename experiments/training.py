@@ -20,6 +20,7 @@ from orchid_uav.callbacks import (
     EpisodeLog,
     ProgressSchedules,
     ResetAndFinetune,
+    StoppedError,
 )
 from orchid_uav.envs.arrays import ACTION_SIZE
 from orchid_uav.envs.vector import FleetVecEnv
@@ -70,11 +71,16 @@ class TrainingOutcome:
     """Of the learning loop, after imports and compilation, before the run was resumed as well."""
     rows: list[Row] = field(default_factory=list)
     reset_episodes: list[int] = field(default_factory=list)
+    is_restored: bool = True
+    """False until what a resumed run has achieved is known again."""
 
     def finish(self, status: Status, error: str | None = None) -> None:
         """Record how the run ended."""
         self.status = status
-        self.run.finish(status, self.rows, self.reset_episodes, self.seconds, error)
+        if self.is_restored:
+            self.run.finish(status, self.rows, self.reset_episodes, self.seconds, error)
+        else:
+            self.run.give_up(status, error)
 
     def summary(self) -> dict[str, Any]:
         """The document of ``orchid train --json``."""
@@ -218,7 +224,7 @@ def train(
         RunFailedError: training could not go on; the run's status is "failed".
         KeyboardInterrupt: a second ctrl-C, which does not wait for an update or a checkpoint.
     """
-    outcome = TrainingOutcome(run)
+    outcome = TrainingOutcome(run, is_restored=not run.is_resumed)
     try:
         with (
             interruption_requests() if interruption is None else nullcontext(interruption) as noted
@@ -236,6 +242,8 @@ def train(
         # A full disk may be the very failure, and then this cannot be recorded either.
         with suppress(OSError):
             outcome.finish("failed", reason)
+        if not outcome.is_restored:
+            raise RunFailedError(f"run {run.id} cannot go on: {reason}") from error
         latest = CheckpointStore(run.path, run.id, config.checkpoint.keep).episodes()
         kept = f"the checkpoint of episode {latest[0]} is kept" if latest else "no checkpoint yet"
         raise RunFailedError(
@@ -300,18 +308,20 @@ def _learn(
         if reset_and_finetune is not None:
             outcome.reset_episodes = reset_and_finetune.reset_episodes
         outcome.seconds = float(run.record["seconds"] or 0.0)
+        outcome.is_restored = True
         for tracker in trackers:
             tracker.resume(len(outcome.rows))
     rows_per_episode = config.network.episode_slots * env.agents_per_world
     reporter.begin(run, config, outcome.rows, outcome.reset_episodes)
     started = time.perf_counter() - outcome.seconds
     try:
-        model.learn(
-            config.training.episodes * rows_per_episode - model.num_timesteps,
-            callback=list(callbacks),
-            log_interval=None,  # type: ignore[arg-type]  # EpisodeLog takes the figures instead
-            reset_num_timesteps=False,
-        )
+        with suppress(StoppedError):
+            model.learn(
+                config.training.episodes * rows_per_episode - model.num_timesteps,
+                callback=list(callbacks),
+                log_interval=None,  # type: ignore[arg-type]  # EpisodeLog takes the figures instead
+                reset_num_timesteps=False,
+            )
     finally:
         outcome.seconds = time.perf_counter() - started
         reporter.end()
@@ -325,15 +335,18 @@ def _go_back(
     for episode in checkpoints.episodes():
         try:
             state = checkpoints.read(episode, training.kinds)
-            rows = run.keep_episodes(state.document["log_size"], state.document["log_sha256"])
             training.restore(state)
+            # Last: from here on, the log of a later checkpoint is gone.
+            rows = run.keep_episodes(state.document["log_size"], state.document["log_sha256"])
         except (InputError, *STATE_ERRORS) as error:
             reporter.warn(f"checkpoint {episode} cannot be used: {_in_one_line(error)}")
             continue
         checkpoints.forget_later_than(episode)
         return rows
     if checkpoints.episodes():
-        raise RunFailedError("none of the checkpoints can be used")
+        raise LookupError(
+            f"none of the checkpoints can be used; without {checkpoints.folder} it begins anew"
+        )
     run.keep_episodes(0, "")
     return []
 

@@ -9,9 +9,10 @@ import signal
 import sys
 import threading
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from orchid_uav.agents.safe_files import read_document
 from orchid_uav.experiments.configuration import RunConfig
@@ -20,6 +21,7 @@ from orchid_uav.experiments.files import write_json
 from orchid_uav.experiments.jobs import INTERRUPTED_CODE, Job
 from orchid_uav.experiments.run_records import (
     EPISODES_FILE,
+    SeenStatus,
     read_config,
     read_record,
     status_of,
@@ -45,18 +47,27 @@ class TrainingJob:
         return f"{self.name}-s{self.config.training.seed}"
 
     def find(self) -> Path | None:
-        """The run's directory, None if it has not begun."""
+        """The run's directory, None if it has not begun; of several a complete or the newest."""
         if not self.runs_dir.is_dir():
             return None
         pattern = re.compile(rf"\d{{8}}T\d{{6}}Z-{re.escape(self.key)}-[a-z]{{4}}")
-        found = [path for path in self.runs_dir.iterdir() if pattern.fullmatch(path.name)]
-        for path in sorted(found, reverse=True):
-            try:
-                if read_config(path, read_record(path)) == self.config:
-                    return path
-            except InputError:  # begun and killed before there was a record, or damaged
-                continue
-        return None
+        named = [path for path in self.runs_dir.iterdir() if pattern.fullmatch(path.name)]
+        found = []
+        for path in sorted(named, reverse=True):
+            with suppress(InputError):  # begun and killed before there was a record, or damaged
+                record = read_record(path)
+                if read_config(path, record) == self.config:
+                    found.append((record["status"] != "completed", path))
+        return min(found, key=lambda one: one[0])[1] if found else None
+
+    def status(self) -> SeenStatus | Literal["not begun"]:
+        """How far the run is."""
+        path = self.find()
+        return "not begun" if path is None else status_of(path, read_record(path))
+
+    def completed(self) -> Path | None:
+        """The run's directory if it is complete."""
+        return self.find() if self.status() == "completed" else None
 
     def as_job(self, folder: Path, cost: float = 1.0) -> Job:
         """The process that runs it; its order and log are kept in ``folder``."""
@@ -80,14 +91,21 @@ class TrainingJob:
 
     @classmethod
     def read(cls, order: Path) -> "TrainingJob":
-        """The job of a file that :meth:`as_job` wrote."""
-        document = read_document(order)
-        return cls(
-            document["name"],
-            RunConfig.model_validate(document["config"]),
-            Path(document["runs_dir"]),
-            tuple(document["command"]),
-        )
+        """The job of a file that :meth:`as_job` wrote.
+
+        Raises:
+            InputError: it is not such a file.
+        """
+        try:
+            document = read_document(order)
+            return cls(
+                document["name"],
+                RunConfig.model_validate(document["config"]),
+                Path(document["runs_dir"]),
+                tuple(document["command"]),
+            )
+        except (OSError, ValueError, LookupError, TypeError) as error:
+            raise InputError(f"{order} is no order of a training job: {error}") from error
 
 
 class _Share:
@@ -138,9 +156,9 @@ def run_one(job: TrainingJob) -> int:
     from orchid_uav.experiments.trackers import open_tracker
     from orchid_uav.experiments.training import train
 
-    path = job.find()
-    if path is not None and status_of(path, read_record(path)) == "completed":
+    if job.completed():
         return 0
+    path = job.find()
     with interruption_requests() as interruption:
         if path is None:
             run = RunDirectory.create(job.runs_dir, job.name, job.config, job.command)
@@ -164,9 +182,12 @@ def _stop_with_parent() -> None:
 
 def main() -> int:
     """Run the job of the file named on the command line."""
-    _stop_with_parent()
+    if "ORCHID_JOB" in os.environ:
+        _stop_with_parent()
     try:
-        return run_one(TrainingJob.read(Path(sys.argv[1])))
+        code = run_one(TrainingJob.read(Path(sys.argv[1])))
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)  # all is written: end by what was reached
+        return code
     except (InputError, RunFailedError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 1

@@ -1,7 +1,7 @@
 """What is compared in an ablation: a base, and what every variant has otherwise."""
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from orchid_uav.experiments.configuration import (
@@ -33,6 +33,7 @@ CONTROLS: dict[str, str] = {
     FROZEN: "learns nothing: how often the trigger fires on a policy that does not change",
 }
 """What has to be ruled out before an effect is Reset-and-Finetune's."""
+_LONGEST_NAME = 48
 
 
 def control(name: str, base: RunConfig) -> Variant:
@@ -45,6 +46,10 @@ def control(name: str, base: RunConfig) -> Variant:
         raise InputError(unknown("control", name, CONTROLS, cutoff=0.4))
     if not base.reset.enabled:
         raise InputError(f"control '{name}': the base has no Reset-and-Finetune")
+    from orchid_uav.callbacks.reset_and_finetune import LOWEST_RATE_SCALE  # torch takes seconds
+
+    last_scale = max(base.reset.kappa**base.reset.max_resets, LOWEST_RATE_SCALE)
+    last_scale *= base.training.final_learning_rate_scale
     rates = f"{'maddpg' if base.training.algorithm == 'maddpg' else 'ppo'}.{{}}_learning_rate"
     values: dict[str, dict[str, Any]] = {
         "reset-only": {"reset.kappa": 1.0},
@@ -52,7 +57,7 @@ def control(name: str, base: RunConfig) -> Variant:
         "random-time": {"reset.trigger": "random"},
         "linear-decay": {
             "reset.enabled": False,
-            "training.final_learning_rate_scale": base.reset.kappa**base.reset.max_resets,
+            "training.final_learning_rate_scale": last_scale,
         },
         FROZEN: {
             "reset.enabled": False,
@@ -77,8 +82,8 @@ def assigned(assignments: Sequence[str]) -> list[Variant]:
 
 
 def _name(text: str) -> str:
-    """As it can be part of a run's id."""
-    return re.sub(r"[^A-Za-z0-9._]+", "-", text).strip("-._")[:48] or "variant"
+    """As it can be part of a run's id; a minus stays, lest -1 be called as 1 is."""
+    return re.sub(r"[^A-Za-z0-9._-]+", "-", text).strip("-._")[:_LONGEST_NAME] or "variant"
 
 
 def applied(variant: Variant, base: RunConfig) -> RunConfig:
@@ -92,26 +97,44 @@ def applied(variant: Variant, base: RunConfig) -> RunConfig:
 
 
 def check_variants(variants: Sequence[Variant], base: RunConfig) -> list[str]:
-    """Notes on variants.
+    """Notes on the variants, a line each.
 
     Raises:
-        InputError: none, one that is as the base, two of one name, or values that cannot be.
+        InputError: none, one that is as the base or as another, two of one name, or values that
+            cannot be.
     """
     if not variants:
         raise InputError(
             "there is nothing to compare: name a variant, such as --no-rf or --init random"
         )
-    names = [variant.name for variant in variants]
-    for name in names:
-        if names.count(name) > 1 or name == BASE:
-            raise InputError(f"two variants are called '{name}'")
     notes = []
+    first = 2 * base.reset.window
+    if base.reset.enabled and first >= base.training.episodes:
+        notes.append(
+            f"Reset-and-Finetune needs two windows, {first} episodes, and something to learn "
+            f"after them: in {base.training.episodes} it changes nothing"
+        )
+    known = {BASE: base}
     for variant in variants:
         config = applied(variant, base)
-        if config == base:
-            raise InputError(f"variant '{variant.name}' is the same as the base")
+        if variant.name in known:
+            raise InputError(f"two variants are called '{variant.name}': leave one of them out")
         if config.training.seed != base.training.seed:
             raise InputError("training.seed is no variant: see --seeds")
-        if "reset.kappa" in variant.values and not config.reset.enabled:
-            notes.append(f"variant '{variant.name}': Reset-and-Finetune is off, so kappa is idle")
+        for name, other in known.items():
+            if config == other:
+                same = "the base" if name == BASE else f"variant '{name}'"
+                raise InputError(f"variant '{variant.name}' is the same as {same}: leave it out")
+        known[variant.name] = config
+        notes += [f"variant '{variant.name}': {note}" for note in _notes(variant, config, base)]
     return notes
+
+
+def _notes(variant: Variant, config: RunConfig, base: RunConfig) -> Iterator[str]:
+    if "reset.kappa" in variant.values and not config.reset.enabled:
+        yield "Reset-and-Finetune is off, so kappa is idle"
+    if "training.algorithm" in variant.values and config.reset.enabled:
+        yield "Reset-and-Finetune stays on, as in the base"
+    as_in_base = {"shares": base.reward.shares}  # which are no part of what is rewarded
+    if config.reward.model_copy(update=as_in_base) != base.reward:
+        yield "its reward is another function than the base's, so rewards do not compare"

@@ -1,7 +1,9 @@
 """``orchid ablate``."""
 
 import json
+import math
 import shlex
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -30,6 +32,7 @@ from orchid_uav.cli.console import (
     failing_well,
     print_line,
     print_note,
+    print_warning,
     stdout_for_json_alone,
 )
 from orchid_uav.experiments.configuration import (
@@ -40,12 +43,13 @@ from orchid_uav.experiments.configuration import (
     merge,
     preset_layer,
 )
-from orchid_uav.experiments.errors import InputError
+from orchid_uav.experiments.errors import InputError, RunFailedError
 from orchid_uav.experiments.ranges import parse_counts, parse_numbers
 
 if TYPE_CHECKING:
     from orchid_uav.experiments.ablation_study import AblationStudy
     from orchid_uav.experiments.jobs import LocalProcesses
+    from orchid_uav.experiments.training_job import TrainingJob
     from orchid_uav.experiments.variants import Variant
 
 _BASE, _VARIANTS, _STUDY = "Base", "Variants, each compared with the base", "Study"
@@ -111,10 +115,16 @@ def ablate(
         int | None, _option(_STUDY, "Runs trained at once (default: as many as cores).")
     ] = None,
     topologies: Annotated[
-        int, _option(_STUDY, "Held-out topologies that every policy flies (default: 100).", min=1)
+        int,
+        _option(
+            _STUDY,
+            "Held-out topologies that every policy flies (default: 100).",
+            min=1,
+            max=100_000,
+        ),
     ] = 100,
     evaluation_seed: Annotated[
-        int, _option(_STUDY, "Seed of the held-out topologies (default: 0).", min=0)
+        int, _option(_STUDY, "Seed of the held-out topologies (default: 0).", min=0, max=2**63 - 1)
     ] = 0,
     margin: Annotated[
         float,
@@ -146,8 +156,8 @@ def ablate(
         )
         for note in check_variants(variants, merged):
             print_note(note)
-        if not margin > 0.0:
-            raise InputError(f"--margin {margin}: a share above 0 is possible")
+        if not 0.0 < margin < math.inf:
+            raise InputError(f"--margin {margin}: a finite share above 0 is possible")
         seed_list = parse_counts(seeds, "--seeds", least=0)
         # torch and pyarrow take seconds to import: not before the input is known to be right.
         from orchid_uav.experiments.ablation import Ablation
@@ -167,8 +177,11 @@ def ablate(
         study.reserve()
         again = shlex.join([*command, *([] if out else ["--out", str(directory)])])
         shown = console(stderr=as_json)
-        with stdout_for_json_alone(as_json):
-            document = _run(study, executor, shown, quiet, again)
+        try:
+            with stdout_for_json_alone(as_json):
+                document = _run(study, executor, shown, quiet, again)
+        except RunFailedError as error:
+            raise RunFailedError(f"{error}\nthis tries again: {again}") from error
         if document is None:
             print_line(console(stderr=True), f"interrupted; this goes on: {again}")
             raise typer.Exit(INTERRUPTED)
@@ -188,7 +201,7 @@ def _base(given: dict[str, Any]) -> RunConfig:
     layers = [preset_layer(given["preset"])]
     if given["config"] is not None:
         layers.append(file_layer(given["config"]))
-    layers.append(assignment_layer(given["base"] or [])._replace(source="--base"))
+    layers.append(assignment_layer(given["base"] or [], "--base"))
     layers += [
         Layer(f"--{name}", {key: given[name]})
         for name, key in _BASE_FLAGS.items()
@@ -219,7 +232,7 @@ def _variants(
     if kappa is not None:
         variants += listed("kappa", "reset.kappa", parse_numbers(kappa, "--kappa"))
     variants += assigned(assignments)
-    names = list(CONTROLS) if controls == "all" else _words(controls)
+    names = list(CONTROLS) if "all" in _words(controls) else _words(controls)
     return variants + [control(name, base) for name in names]
 
 
@@ -233,48 +246,66 @@ def _run(
     """Train and evaluate; None if interrupted."""
     from orchid_uav.cli.evaluation_display import evaluation_progress
     from orchid_uav.cli.jobs_display import job_progress
-
-    waiting = study.waiting()
-    costs: dict[str, float] = {}
-    if waiting:
-        costs = _announce(study, executor, shown, quiet, again)
-        if study.train(executor, job_progress(shown, quiet), costs) == "interrupted":
-            return None
-    return study.evaluate(evaluation_progress(shown, quiet))
-
-
-def _announce(
-    study: "AblationStudy", executor: "LocalProcesses", shown: Console, quiet: bool, again: str
-) -> dict[str, float]:
-    """Say what is to come; how long a run takes, by variant, in seconds."""
     from orchid_uav.experiments.ablation import differing_worlds
-    from orchid_uav.experiments.calibration import seconds_per_episode
+    from orchid_uav.experiments.evaluation import interruptible
 
-    configurations = study.ablation.configurations()
-    waiting = [job.name for job in study.waiting()]
-    if not quiet:
-        total = len(study.training_jobs)
-        print_line(shown, f"seeds {', '.join(map(str, study.ablation.seeds))}")
-        print_line(
-            shown,
-            f"{', '.join(configurations)}: {len(configurations)} x {len(study.ablation.seeds)} "
-            f"seeds = {total} runs of {study.ablation.base.training.episodes} episodes, "
-            f"{total - len(waiting)} of them done before",
-        )
-        print_line(shown, "measuring how long a run takes ...")
     for name, keys in differing_worlds(study.ablation).items():
         print_note(f"{name} is flown in its own world, which differs in {', '.join(keys)}")
-    costs = {
-        name: seconds_per_episode(config) * config.training.episodes
-        for name, config in configurations.items()
-        if name in waiting
-    }
+    document = None
+    try:
+        with interruptible():
+            waiting = study.waiting()
+            if not quiet:
+                _announce(study, len(waiting), shown, again)
+            costs = _costs(study, waiting, executor.processes, shown, quiet) if waiting else {}
+            if study.train(executor, job_progress(shown, quiet), costs) != "interrupted":
+                document = study.evaluate(evaluation_progress(shown, quiet))
+    except KeyboardInterrupt:
+        document = None
+    if document is None:
+        study.note_interruption()
+    return document
+
+
+def _announce(study: "AblationStudy", waiting: int, shown: Console, again: str) -> None:
+    """Say what is to come, and what goes on if it does not."""
+    names, seeds = list(study.ablation.configurations()), study.ablation.seeds
+    total = len(study.training_jobs)
+    print_line(shown, f"seeds {', '.join(map(str, seeds))}")
+    print_line(
+        shown,
+        f"{', '.join(names)}: {len(names)} x {len(seeds)} seeds = {total} runs of "
+        f"{study.ablation.base.training.episodes} episodes, {total - waiting} of them done before",
+    )
+    print_line(shown, f"if it stops, this goes on: {again}")
+
+
+def _costs(
+    study: "AblationStudy",
+    waiting: Sequence["TrainingJob"],
+    processes: int,
+    shown: Console,
+    quiet: bool,
+) -> dict[str, float]:
+    """How long a run takes, by variant, in seconds."""
+    from orchid_uav.experiments.calibration import seconds_per_episode
+
     if not quiet:
-        seconds = sum(costs[name] for name in waiting) / executor.processes
+        print_line(shown, "measuring how long a run takes ...")
+    names = [job.name for job in waiting]
+    costs = {}
+    for name, config in study.ablation.configurations().items():
+        if name in names:
+            try:
+                costs[name] = seconds_per_episode(config) * config.training.episodes
+            except RunFailedError as error:
+                print_warning(f"{name} is likely to fail: {error}")
+                costs[name] = 1.0
+    if not quiet:
+        minutes = sum(costs[name] for name in names) / processes / 60
+        text = f"{minutes / 60:.1f} hours" if minutes >= 60 else f"{math.ceil(minutes)} min"
         print_line(
             shown,
-            f"about {seconds / 3600:.1f} hours with {executor.processes} at once, each run as "
-            "fast as it would be alone; all runs in progress take more memory and cache",
+            f"about {text} with {processes} at once, if runs side by side are as fast as this one",
         )
-        print_line(shown, f"if it stops, this goes on: {again}")
     return costs

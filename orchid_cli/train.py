@@ -47,6 +47,7 @@ from orchid_uav.experiments.provenance import describe_versions
 from orchid_uav.experiments.run_records import (
     DEFAULT_RUNS_DIR,
     find_run,
+    has_checkpoint,
     read_config,
     read_record,
     resume_command,
@@ -195,6 +196,11 @@ def _continuation(context: typer.Context, path: Path) -> tuple[Path, RunConfig]:
     if status == "completed" and episodes in (None, planned):
         raise InputError(
             f"run {record['id']} is complete: with --episodes above {planned} it is extended"
+        )
+    if status == "completed" and not has_checkpoint(path):
+        raise InputError(
+            f"run {record['id']} is complete and has no checkpoint to go on from: "
+            f"train a new one with --episodes {episodes}"
         )
     if episodes is not None and episodes > planned:
         extended = config.extended_to(episodes)

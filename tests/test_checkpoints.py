@@ -114,12 +114,16 @@ class TestContent:
         with pytest.raises(InputError, match=r"cannot read .*5: No such file"):
             store.read(5, kinds_of)
 
-    def test_other_things_in_the_folder_are_none(self, store):
+    def test_other_things_in_the_folder_are_none_and_stay(self, store):
         store.save(5, state_of(5), LOG)
         (store.folder / "7").touch()
-        for name in ("notes", "-3", "8.bak", "1e3"):
+        for name in ("notes", ".notes", "-3", "8.bak", "1e3", ".x.old"):
             (store.folder / name).mkdir()
+        before = set(store.folder.iterdir())
         assert store.episodes() == [5]
+        store.save(6, state_of(6), LOG)
+        store.forget_later_than(5)
+        assert set(store.folder.iterdir()) == before
 
 
 class TestNumber:

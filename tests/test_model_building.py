@@ -1,5 +1,11 @@
 """A configuration reaches the learner number by number."""
 
+import random
+
+import numpy as np
+import pytest
+import torch
+
 from orchid_uav.envs.vector import FleetVecEnv
 from orchid_uav.experiments.configuration import RunConfig
 from orchid_uav.experiments.training import build_model, build_reset_and_finetune
@@ -54,6 +60,60 @@ def test_every_number_of_the_reset_is_used():
     assert (callback.kappa, callback.max_resets) == (0.1, 3)
     off = UNUSUAL.model_copy(update={"reset": UNUSUAL.reset.model_copy(update={"enabled": False})})
     assert build_reset_and_finetune(off) is None
+
+
+def reset_episodes(seed: int, episodes: int, **reset) -> list[int] | None:
+    """Those that a configuration with R&F at random episodes draws; 2W is 4."""
+    config = RunConfig.model_validate(
+        {
+            "reset": {"window": 2, "trigger": "random"} | reset,
+            "training": {"seed": seed, "episodes": episodes},
+        }
+    )
+    return build_reset_and_finetune(config).at_episodes
+
+
+class TestRandomTrigger:
+    def test_only_the_trigger_named_random_draws(self):
+        assert reset_episodes(0, 8, trigger="plateau") is None
+
+    def test_draws_any_episode_from_two_windows_on_but_not_the_last(self):
+        drawn = [reset_episodes(seed, 8) for seed in range(100)]
+        assert {len(episodes) for episodes in drawn} == {1}
+        assert {episodes[0] for episodes in drawn} == {4, 5, 6, 7}
+
+    def test_is_decided_by_the_seed(self):
+        first, again = ([reset_episodes(seed, 1000) for seed in range(20)] for _ in range(2))
+        assert first == again
+        assert len({episodes[0] for episodes in first}) > 15
+
+    @pytest.mark.parametrize(("episodes", "count"), [(50, 3), (6, 2), (5, 1), (4, 0), (1, 0)])
+    def test_draws_as_many_as_allowed_and_possible(self, episodes, count):
+        drawn = reset_episodes(1, episodes, max_resets=3)
+        assert len(drawn) == len(set(drawn)) == count
+        assert drawn == sorted(drawn)
+        assert all(4 <= episode < episodes for episode in drawn)
+
+    def test_of_a_run_that_is_extended_stays(self):
+        config = RunConfig.model_validate({"reset": {"trigger": "random"}, "training": {"seed": 5}})
+        first = build_reset_and_finetune(config).at_episodes
+        assert build_reset_and_finetune(config.extended_to(9000)).at_episodes == first
+
+    def test_takes_no_random_number_of_the_run(self):
+        def states():
+            name, keys, *rest = np.random.get_state()  # noqa: NPY002
+            return torch.get_rng_state().tolist(), random.getstate(), name, keys.tolist(), rest
+
+        before = states()
+        reset_episodes(3, 100)
+        assert states() == before
+
+
+def test_a_reset_that_keeps_the_optimizer_is_built_from_its_key():
+    kept = UNUSUAL.reset.model_copy(update={"clear_optimizer": False})
+    assert build_reset_and_finetune(UNUSUAL).clear_optimizer is True
+    callback = build_reset_and_finetune(UNUSUAL.model_copy(update={"reset": kept}))
+    assert callback.clear_optimizer is False
 
 
 def test_defaults_are_table_i():

@@ -6,9 +6,14 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from orchid_uav.callbacks import EpisodeLog, ProgressSchedules, ResetAndFinetune
+from orchid_uav.callbacks import (
+    EpisodeCallback,
+    EpisodeLog,
+    ProgressSchedules,
+    ResetAndFinetune,
+)
 from orchid_uav.callbacks.reset_and_finetune import has_plateaued, relative_change, reset_optimizer
-from tests.learning import small_model
+from tests.learning import MADDPG_NETWORKS, small_maddpg, small_model
 
 FLAT = [1.0] * 20
 RISING = [1.0] * 10 + [1.2] * 10
@@ -187,6 +192,171 @@ class TestInTraining:
     def test_refuses_what_makes_no_sense(self, wrong):
         with pytest.raises(ValueError, match=next(iter(wrong)).split("_")[0]):
             ResetAndFinetune(**wrong)
+
+
+class Adam(EpisodeCallback):
+    """Copies of an optimizer's state after every episode."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.states: list[list[torch.Tensor]] = []
+
+    def _on_episodes(self, episodes) -> None:
+        [optimizer] = self.learner.optimizers
+        self.states.append(
+            [
+                tensor.clone()
+                for parameter in optimizer.state.values()
+                for tensor in parameter.values()
+            ]
+        )
+
+
+STRICT = {"window": 2, "tolerance_jfi": 1e-12, "tolerance_reward": 1e-12}
+
+
+class TestControls:
+    @pytest.mark.parametrize("patience", [EAGER, STRICT], ids=["plateau", "no plateau"])
+    def test_given_episodes_are_acted_at_whatever_the_windows_say(self, patience):
+        callback = ResetAndFinetune(**patience, at_episodes=[5, 6, 9], max_resets=3)
+        rows = Recorder(callback).rows
+        assert callback.reset_episodes == [5, 6, 9]
+        assert [row["episode"] for row in rows if row["reset"]] == [5, 6, 9]
+        expected = [1e-4] * 4 + [5e-5] + [2.5e-5] * 3 + [1.25e-5] * 4
+        assert [row["actor_lr"] for row in rows] == expected
+
+    def test_no_more_of_them_than_resets_are_allowed(self):
+        once = ResetAndFinetune(**EAGER, at_episodes=[5, 9])
+        Recorder(once)
+        never = ResetAndFinetune(**EAGER, at_episodes=[])
+        Recorder(never)
+        assert (once.reset_episodes, never.reset_episodes) == ([5], [])
+
+    def test_a_run_is_the_same_as_without_up_to_a_given_episode(self):
+        with_reset = Recorder(ResetAndFinetune(**EAGER, at_episodes=[7]))
+        without = Recorder(None)
+        same = [
+            torch.equal(*pair) for pair in zip(with_reset.weights, without.weights, strict=True)
+        ]
+        assert same == [True] * 7 + [False] * 5
+
+    @pytest.mark.parametrize(
+        ("options", "is_cleared", "rate"),
+        [
+            ({}, True, 5e-5),
+            ({"kappa": 1.0}, True, 1e-4),
+            ({"clear_optimizer": False}, False, 5e-5),
+        ],
+        ids=["both", "reset only", "decay only"],
+    )
+    def test_halves_of_a_reset(self, options, is_cleared, rate):
+        model, before, after = small_model(), Adam(), Adam()
+        model.learn(4 * 20, callback=[before, ResetAndFinetune(**EAGER, **options), after])
+        assert len(before.states[3]) == 3 * len(list(model.policy.parameters()))
+        if is_cleared:
+            assert after.states[3] == []
+        else:  # moments and steps, bit for bit
+            assert len(after.states[3]) == len(before.states[3])
+            assert all(map(torch.equal, before.states[3], after.states[3]))
+        assert model.learning_rates == (rate, 10 * rate)
+
+    def test_decay_alone_goes_on_with_the_moments_at_the_lower_rates(self):
+        decayed, both = small_model(), small_model()
+        decayed.learn(
+            100, callback=ResetAndFinetune(**EAGER, clear_optimizer=False, at_episodes=[4])
+        )
+        both.learn(100, callback=ResetAndFinetune(**EAGER, at_episodes=[4]))
+        steps = [
+            {int(state["step"]) for state in model.policy.optimizer.state.values()}
+            for model in (decayed, both)
+        ]
+        assert steps == [{5 * 4}, {4}]  # four epochs of one mini-batch an episode
+        assert [group["lr"] for group in decayed.policy.optimizer.param_groups] == [5e-5, 5e-4]
+
+
+class Rates:
+    """The actor's learning rates of a training: in use at each update, and as they are logged."""
+
+    def __init__(self, model, episodes: int, schedules, reset_and_finetune=None) -> None:
+        self.used: list[float] = []
+        self.rows: list[dict[str, float]] = []
+        original = model.train
+
+        def train(**arguments):
+            original(**arguments)
+            self.used.append(model.policy.optimizer.param_groups[0]["lr"])
+
+        model.train = train
+        callbacks = [reset_and_finetune] if reset_and_finetune else []
+        callbacks += [EpisodeLog(self.rows.extend, reset_and_finetune), schedules]
+        model.learn(episodes * 20, callback=callbacks)
+
+
+class TestSchedules:
+    def test_a_linear_decay_ends_at_its_last_scale(self):
+        model = small_model()
+        rates = Rates(model, 8, ProgressSchedules(8, final_learning_rate_scale=0.2))
+        # The update on episode e has the progress of the e - 1 episodes before it.
+        line = [1e-4 * (1 - 0.8 * done / 8) for done in range(8)]
+        assert rates.used == pytest.approx(line, rel=1e-12)
+        for column, first in (("actor_lr", 1e-4), ("critic_lr", 1e-3)):
+            logged = [row[column] for row in rates.rows]
+            assert np.diff(logged) == pytest.approx([-0.1 * first] * 7, rel=1e-9)
+        assert model.learning_rates == pytest.approx((2e-5, 2e-4), rel=1e-12)
+
+    def test_of_maddpg_too(self):
+        model = small_maddpg()
+        schedules = ProgressSchedules(5, None, final_learning_rate_scale=0.0)
+        rates = Rates(model, 5, schedules)
+        assert sorted(set(rates.used), reverse=True) == pytest.approx(
+            [1e-4, 8e-5, 6e-5, 4e-5, 2e-5], rel=1e-12
+        )
+        assert model.learning_rates == (0.0, 0.0)
+
+    def test_a_decay_and_a_reset_multiply(self):
+        model = small_model()
+        callback = ResetAndFinetune(**EAGER, kappa=0.1)
+        rates = Rates(model, 8, ProgressSchedules(8, final_learning_rate_scale=0.5), callback)
+        line = [1e-4 * (1 - 0.5 * done / 8) for done in range(8)]
+        expected = line[:4] + [0.1 * rate for rate in line[4:]]
+        assert rates.used == pytest.approx(expected, rel=1e-12)
+        assert model.learning_rates == pytest.approx((5e-6, 5e-5), rel=1e-12)
+
+    def test_stay_at_their_last_values_behind_their_last_episode(self):
+        model, seen = small_model(), []
+        original = model.train
+
+        def train() -> None:
+            world = model.env.world
+            seen.append((world.progress, model.ent_coef, model.learning_rates[0]))
+            original()
+
+        model.train = train
+        model.learn(7 * 20, callback=ProgressSchedules(4, (0.03, 0.01), 0.5))
+        taus = [0.0, 0.25, 0.5, 0.75, 1.0, 1.0, 1.0]
+        expected = [(tau, 0.03 - 0.02 * tau, 1e-4 * (1 - 0.5 * tau)) for tau in taus]
+        np.testing.assert_allclose(seen, expected, rtol=1e-12)
+
+    def test_change_nothing_about_the_rates_by_default(self):
+        assert Rates(small_model(), 3, ProgressSchedules(3)).used == [1e-4] * 3
+
+
+class TestFrozen:
+    @pytest.mark.parametrize("rate", [0.0, 1e-4], ids=["frozen", "learning"])
+    @pytest.mark.parametrize("algorithm", ["mappo", "maddpg"])
+    def test_rates_of_zero_leave_all_weights_as_they_began(self, algorithm, rate):
+        make = {"mappo": small_model, "maddpg": small_maddpg}[algorithm]
+        model = make(learning_rate=rate, critic_learning_rate=rate)
+        networks = (
+            [model.policy]
+            if algorithm == "mappo"
+            else [getattr(model.policy, name) for name in MADDPG_NETWORKS[:2]]
+        )
+        parameters = [p for network in networks for p in network.parameters()]
+        before = [parameter.detach().clone() for parameter in parameters]
+        model.learn(5 * 20, callback=ProgressSchedules(5, None))
+        assert model.policy.optimizer.state, "there was no update"
+        assert all(map(torch.equal, before, parameters)) is (rate == 0.0)
 
 
 def test_schedules_follow_finished_episodes():
