@@ -140,8 +140,8 @@ def trigger_block() -> str:
     heads, rows = trigger_table(document["replayed_trigger"]["no-rf"])
     return (
         f"Episodes at which it fired, by seed: {'; '.join(fired)}.\n\n"
-        "Replayed on the runs without it, for other windows and tolerances:\n\n"
-        + table(heads, rows)
+        "Replayed on the runs without it, for other windows and tolerances, with the median of the "
+        "first\nepisodes:\n\n" + table(heads, rows)
     )
 
 

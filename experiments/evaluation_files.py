@@ -36,11 +36,11 @@ DEFAULT_PARENT = Path("orchid-eval")
 EPISODES_FILE, SUMMARY_FILE, FIGURES_FOLDER = "episodes.parquet", "summary.json", "figures"
 
 
-def make_default_directory() -> Path:
-    """A new ``./orchid-eval/<UTC time>``, with a number behind it if that is taken."""
+def make_default_directory(parent: Path = DEFAULT_PARENT) -> Path:
+    """A new ``<parent>/<UTC time>``, with a number behind it if that is taken."""
     name = f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}"
     for suffix in ("", *(f"-{number}" for number in range(2, 100))):
-        directory = DEFAULT_PARENT / (name + suffix)
+        directory = parent / (name + suffix)
         try:
             directory.mkdir(parents=True)
         except FileExistsError:
@@ -48,7 +48,7 @@ def make_default_directory() -> Path:
         except OSError as error:
             raise InputError(f"cannot make {directory}: {error.strerror or error}") from error
         return directory
-    raise InputError(f"cannot find a free name for {DEFAULT_PARENT / name}")
+    raise InputError(f"cannot find a free name for {parent / name}")
 
 
 def describe_plan(plan: Plan, planner_evaluations: int) -> dict[str, Any]:

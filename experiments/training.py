@@ -18,6 +18,7 @@ from orchid_uav.callbacks import (
     Checkpoints,
     EpisodeCallback,
     EpisodeLog,
+    LearningRateDecay,
     ProgressSchedules,
     ResetAndFinetune,
     StoppedError,
@@ -172,12 +173,17 @@ def build_reset_and_finetune(config: RunConfig) -> ResetAndFinetune | None:
 
 
 def _random_episodes(config: RunConfig) -> list[int]:
-    """Episodes at which a plateau could be seen, and after which there is something to learn."""
-    first, last = 2 * config.reset.window, _schedule_episodes(config) - 1
-    choices = np.arange(first, last + 1)
+    """Episodes at which a plateau could be seen, and after which there is something to learn.
+
+    As far from each other as resets at plateaus are at least.
+    """
+    distance, last = 2 * config.reset.window, _schedule_episodes(config) - 1
+    count = min(config.reset.max_resets, last // distance)
     generator = np.random.default_rng([config.training.seed, _RANDOM_RESETS])
-    count = min(config.reset.max_resets, len(choices))
-    return sorted(generator.choice(choices, count, replace=False).tolist())
+    # Drawn where only numbers of their own are needed, and then moved apart.
+    choices = np.arange(distance, last + 1 - (count - 1) * (distance - 1))
+    drawn = np.sort(generator.choice(choices, count, replace=False))
+    return (drawn + np.arange(count) * (distance - 1)).tolist()
 
 
 def _schedule_episodes(config: RunConfig) -> int:
@@ -292,11 +298,11 @@ def _learn(
         checkpoints.save(episodes_done, training.state(), run.sync_episodes())
 
     callbacks: list[EpisodeCallback] = [
+        LearningRateDecay(_schedule_episodes(config), config.training.final_learning_rate_scale),
         EpisodeLog(take, reset_and_finetune),
         ProgressSchedules(
             _schedule_episodes(config),
             None if _is_maddpg(config) else config.ppo.entropy_coef,
-            config.training.final_learning_rate_scale,
         ),
         Checkpoints(config.checkpoint.every_episodes, save, lambda: interruption.requested),
     ]

@@ -4,7 +4,6 @@ import json
 import math
 import shlex
 from collections.abc import Sequence
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -163,14 +162,14 @@ def ablate(
         from orchid_uav.experiments.ablation import Ablation
         from orchid_uav.experiments.ablation_study import DEFAULT_PARENT, AblationStudy
         from orchid_uav.experiments.child_processes import usable_cores
+        from orchid_uav.experiments.evaluation_files import make_default_directory
         from orchid_uav.experiments.files import expanded
         from orchid_uav.experiments.jobs import LocalProcesses
 
         executor = LocalProcesses(usable_cores() if jobs is None else jobs)
         if executor.note:
             print_note(executor.note)
-        directory = DEFAULT_PARENT / f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}"
-        directory = expanded(out) if out is not None else directory
+        directory = make_default_directory(DEFAULT_PARENT) if out is None else expanded(out)
         command = ["orchid", *context.obj]
         ablation = Ablation(merged, variants, seed_list, topologies, evaluation_seed, margin)
         study = AblationStudy(ablation, directory, command)

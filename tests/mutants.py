@@ -161,8 +161,8 @@ MUTANTS = [
     Mutant(
         "a reset that forgets the critic's rate",
         "agents/centralized.py",
-        "self.critic_lr_schedule(progress) * self.learning_rate_scale",
-        "self.critic_lr_schedule(progress)",
+        "self.critic_lr_schedule(progress) * scale",
+        "self.critic_lr_schedule(progress) * self.scheduled_rate_scale",
         "test_reset_and_finetune.py",
     ),
     Mutant(

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from orchid_uav.callbacks import (
     EpisodeCallback,
     EpisodeLog,
+    LearningRateDecay,
     ProgressSchedules,
     ResetAndFinetune,
 )
@@ -288,25 +289,27 @@ class Rates:
 
         model.train = train
         callbacks = [reset_and_finetune] if reset_and_finetune else []
-        callbacks += [EpisodeLog(self.rows.extend, reset_and_finetune), schedules]
+        callbacks += [schedules, EpisodeLog(self.rows.extend, reset_and_finetune)]
         model.learn(episodes * 20, callback=callbacks)
 
 
 class TestSchedules:
     def test_a_linear_decay_ends_at_its_last_scale(self):
         model = small_model()
-        rates = Rates(model, 8, ProgressSchedules(8, final_learning_rate_scale=0.2))
+        rates = Rates(model, 8, LearningRateDecay(8, 0.2))
         # The update on episode e has the progress of the e - 1 episodes before it.
         line = [1e-4 * (1 - 0.8 * done / 8) for done in range(8)]
         assert rates.used == pytest.approx(line, rel=1e-12)
         for column, first in (("actor_lr", 1e-4), ("critic_lr", 1e-3)):
+            # In force after the episode, as they are with a reset.
             logged = [row[column] for row in rates.rows]
-            assert np.diff(logged) == pytest.approx([-0.1 * first] * 7, rel=1e-9)
+            expected = [first * (1 - 0.8 * done / 8) for done in range(1, 9)]
+            assert logged == pytest.approx(expected, rel=1e-12)
         assert model.learning_rates == pytest.approx((2e-5, 2e-4), rel=1e-12)
 
     def test_of_maddpg_too(self):
         model = small_maddpg()
-        schedules = ProgressSchedules(5, None, final_learning_rate_scale=0.0)
+        schedules = LearningRateDecay(5, 0.0)
         rates = Rates(model, 5, schedules)
         assert sorted(set(rates.used), reverse=True) == pytest.approx(
             [1e-4, 8e-5, 6e-5, 4e-5, 2e-5], rel=1e-12
@@ -316,7 +319,7 @@ class TestSchedules:
     def test_a_decay_and_a_reset_multiply(self):
         model = small_model()
         callback = ResetAndFinetune(**EAGER, kappa=0.1)
-        rates = Rates(model, 8, ProgressSchedules(8, final_learning_rate_scale=0.5), callback)
+        rates = Rates(model, 8, LearningRateDecay(8, 0.5), callback)
         line = [1e-4 * (1 - 0.5 * done / 8) for done in range(8)]
         expected = line[:4] + [0.1 * rate for rate in line[4:]]
         assert rates.used == pytest.approx(expected, rel=1e-12)
@@ -332,13 +335,15 @@ class TestSchedules:
             original()
 
         model.train = train
-        model.learn(7 * 20, callback=ProgressSchedules(4, (0.03, 0.01), 0.5))
+        model.learn(
+            7 * 20, callback=[LearningRateDecay(4, 0.5), ProgressSchedules(4, (0.03, 0.01))]
+        )
         taus = [0.0, 0.25, 0.5, 0.75, 1.0, 1.0, 1.0]
         expected = [(tau, 0.03 - 0.02 * tau, 1e-4 * (1 - 0.5 * tau)) for tau in taus]
         np.testing.assert_allclose(seen, expected, rtol=1e-12)
 
     def test_change_nothing_about_the_rates_by_default(self):
-        assert Rates(small_model(), 3, ProgressSchedules(3)).used == [1e-4] * 3
+        assert Rates(small_model(), 3, LearningRateDecay(3)).used == [1e-4] * 3
 
 
 class TestFrozen:
