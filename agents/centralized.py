@@ -30,6 +30,8 @@ _COUNTERS: dict[str, type] = {
     "scheduled_rate_scale": float,
     "ent_coef": float,
 }
+_MOMENTS = ["exp_avg", "exp_avg_sq", "step"]
+"""What Adam remembers of a parameter."""
 _WEIGHTS, _OPTIMIZER = "weights", "optimizer"
 
 
@@ -87,6 +89,11 @@ class CentralizedTraining(BaseAlgorithm):
             if not math.isfinite(figure):
                 raise DivergedError(f"update {self._n_updates}: {name} is {figure}")
 
+    def _check_actions(self, actions: NDArray[np.float32]) -> None:
+        """Raise DivergedError if the policy gives actions that are not finite numbers."""
+        if not np.isfinite(actions).all():
+            raise DivergedError(f"after update {self._n_updates}: an action is not a finite number")
+
     def _last_rows(self) -> tuple[Rows, NDArray[np.bool_]]:
         """The latest observation, and which rows begin an episode with it."""
         return cast(Rows, self._last_obs), cast(NDArray[np.bool_], self._last_episode_starts)
@@ -135,6 +142,8 @@ class CentralizedTraining(BaseAlgorithm):
         parameters = self._optimized()
         moments = {}
         for index, names in document["optimizer"].items():
+            if names != _MOMENTS or index not in map(str, range(len(parameters))):
+                raise ValueError(f"Adam has no {names!r} of parameter {index!r}")
             parameter = TensorKind.of(_array(parameters[int(index)]))
             for name in names:
                 scalar = TensorKind((), parameter.dtype)

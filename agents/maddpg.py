@@ -156,6 +156,7 @@ class MADDPG(CentralizedTraining, OffPolicyAlgorithm):
                 self._rows = self._rows_within_budget(env.num_envs, self.episode_steps)
             rows = self._rows
             actions = self._explore(observation)
+            self._check_actions(actions)
             new_observation, rewards, dones, infos = env.step(self.policy.unscale_action(actions))
             following, terminated = _before_new_episodes(cast(Rows, new_observation), dones, infos)
             self.replay_buffer.add(rows, observation, actions, rewards, following, terminated)

@@ -9,13 +9,14 @@ from numpy.typing import NDArray
 from stable_baselines3 import PPO
 from stable_baselines3.common.buffers import RolloutBuffer
 from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.distributions import Distribution
 from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.type_aliases import GymEnv, Schedule
 from stable_baselines3.common.utils import explained_variance
 from stable_baselines3.common.vec_env import VecEnv
 from torch.nn import functional
 
-from orchid_uav.agents.centralized import CentralizedTraining, Rows
+from orchid_uav.agents.centralized import CentralizedTraining, DivergedError, Rows
 from orchid_uav.agents.networks import check_spaces
 from orchid_uav.agents.policies import CentralizedCriticPolicy
 from orchid_uav.agents.rollout import CentralizedRolloutBuffer, MiniBatch
@@ -125,6 +126,7 @@ class MAPPO(CentralizedTraining, PPO):
             with torch.inference_mode():
                 local = torch.as_tensor(observation["observation"], device=self.device)
                 actions = (self.policy.action_mean(local) + noise[step]).cpu().numpy()
+            self._check_actions(actions)
             new_observation, rewards, dones, infos = env.step(self.policy.unscale_action(actions))
             buffer.add(observation, actions, rewards, starts)
             self._last_obs, self._last_episode_starts = cast(Rows, new_observation), dones
@@ -154,7 +156,7 @@ class MAPPO(CentralizedTraining, PPO):
         for (step, row, _), value in zip(time_limits, limits, strict=True):
             buffer.rewards[step, row] += self.gamma * value
         log_probs = self._in_chunks(
-            lambda observations, actions: self.policy.distribution(observations).log_prob(actions),
+            lambda observations, actions: self._distribution(observations).log_prob(actions),
             buffer.observations.reshape(-1, buffer.observations.shape[-1]),
             buffer.actions.reshape(-1, buffer.actions.shape[-1]),
         )
@@ -208,7 +210,7 @@ class MAPPO(CentralizedTraining, PPO):
         """Loss to minimise, and the figures named ``_FIGURES``."""
         progress = self._current_progress_remaining
         clip_range = cast(Schedule, self.clip_range)(progress)
-        distribution = self.policy.distribution(batch.observations)
+        distribution = self._distribution(batch.observations)
         log_prob = distribution.log_prob(batch.actions)
         entropy = cast(torch.Tensor, distribution.entropy()).mean()
         advantages = batch.advantages
@@ -229,6 +231,14 @@ class MAPPO(CentralizedTraining, PPO):
             clip_fraction = ((ratio - 1.0).abs() > clip_range).float().mean()
             figures = torch.stack([policy_loss, value_loss, entropy, divergence, clip_fraction])
         return loss, figures
+
+    def _distribution(self, observations: torch.Tensor) -> Distribution:
+        try:
+            return self.policy.distribution(observations)
+        except ValueError as error:  # of torch, with all the numbers in it
+            raise DivergedError(
+                f"update {self._n_updates + 1}: mean or deviation of the actions is not finite"
+            ) from error
 
     def _log_update(self, figures: dict[str, float]) -> None:
         self._log_learning_rates()

@@ -110,8 +110,9 @@ class ResetAndFinetune(EpisodeCallback):
     def restore(self, state: Mapping[str, Any]) -> None:
         """Be as the callback that :meth:`state` was asked of."""
         super().restore(state)
-        self._jfi, self._reward = list(state["rate_jfi"]), list(state["reward"])
-        self.reset_episodes = list(state["reset_episodes"])
+        self._jfi = [float(value) for value in state["rate_jfi"]]
+        self._reward = [float(value) for value in state["reward"]]
+        self.reset_episodes = [int(episode) for episode in state["reset_episodes"]]
 
     def _on_episodes(self, episodes: list[Episode]) -> None:
         for number, episode in enumerate(episodes, start=self.episodes_done + 1):

@@ -285,6 +285,9 @@ class WorldBatch:
                 raise ValueError(f"{name} holds values that cannot be")
         if (arrays["slot"] < 0).any() or (arrays["association"] < -1).any():
             raise ValueError("a slot or an association is negative")
+        users_m, area_m = arrays["users_m"], self.parameters.network.area_m
+        if (users_m < 0).any() or (users_m > area_m).any():
+            raise ValueError("a user is outside the area")
         self.set_progress(document["progress"])
         for generator, state in zip(self.generators, generators, strict=True):
             generator.bit_generator.state = state

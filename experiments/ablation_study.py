@@ -37,7 +37,7 @@ from orchid_uav.experiments.files import write_json
 from orchid_uav.experiments.jobs import Executor, Job, JobProgress
 from orchid_uav.experiments.learning_curves import draw_learning_curves
 from orchid_uav.experiments.run_directory import Row, read_episodes
-from orchid_uav.experiments.run_records import EPISODES_FILE, read_record
+from orchid_uav.experiments.run_records import EPISODES_FILE, check_log, read_record
 from orchid_uav.experiments.statistics import INTERVAL
 from orchid_uav.experiments.training_job import TrainingJob
 from orchid_uav.experiments.variants import FROZEN
@@ -268,7 +268,10 @@ class AblationStudy:
 def _rows(job: TrainingJob) -> list[Row]:
     """Episodes of a run that is complete; none of another."""
     path = job.completed()
-    return read_episodes(path / EPISODES_FILE) if path else []
+    if path is None:
+        return []
+    check_log(path, read_record(path))
+    return read_episodes(path / EPISODES_FILE)
 
 
 def _json_number(value: float) -> float | None:

@@ -46,6 +46,8 @@ class CheckpointStore:
 
     def _places(self) -> dict[int, Path]:
         """Where they are: one may lie aside, left by a process that died as it replaced it."""
+        if self.folder.is_symlink():  # what is removed here would be removed elsewhere
+            raise InputError(f"{self.folder} is a link, and checkpoints are removed with time")
         if not self.folder.is_dir():
             return {}
         places = {}

@@ -1,6 +1,5 @@
 """The directory that an evaluation leaves: ``episodes.parquet``, ``summary.json``, figures."""
 
-import json
 import shutil
 import tempfile
 from collections.abc import Iterator, Mapping
@@ -13,6 +12,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from orchid_uav.agents.safe_files import read_document
 from orchid_uav.envs.world import evaluation_seeds
 from orchid_uav.experiments.errors import InputError, RunFailedError
 from orchid_uav.experiments.evaluation import (
@@ -32,6 +32,7 @@ from orchid_uav.experiments.provenance import describe_host, describe_versions
 from orchid_uav.experiments.statistics import INTERVAL
 
 SCHEMA = 1
+_LARGEST_SUMMARY = 64 * 2**20
 DEFAULT_PARENT = Path("orchid-eval")
 EPISODES_FILE, SUMMARY_FILE, FIGURES_FOLDER = "episodes.parquet", "summary.json", "figures"
 
@@ -89,7 +90,7 @@ def read_interrupted(directory: Path, plan: Plan, settings: Mapping[str, Any]) -
     try:
         if not directory.exists() or (directory.is_dir() and not any(directory.iterdir())):
             return {}
-        summary = json.loads((directory / SUMMARY_FILE).read_text(encoding="utf-8"))
+        summary = read_document(directory / SUMMARY_FILE, _LARGEST_SUMMARY)
         status, known = summary["status"], summary["settings"]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(

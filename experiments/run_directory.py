@@ -17,7 +17,7 @@ from statistics import fmean
 from typing import Any
 
 from orchid_uav.agents.actor import DESCRIPTION_FILE, WEIGHTS_FILE
-from orchid_uav.agents.safe_files import read_bytes, sealed
+from orchid_uav.agents.safe_files import checksum_of_file, read_bytes, sealed
 from orchid_uav.envs.metrics import EPISODE_METRICS
 from orchid_uav.experiments.configuration import RunConfig
 from orchid_uav.experiments.errors import InputError
@@ -27,6 +27,7 @@ from orchid_uav.experiments.run_lock import RunLock
 from orchid_uav.experiments.run_records import (
     CONFIG_FILE,
     EPISODES_FILE,
+    LARGEST_LOG,
     RECORD_FILE,
     Status,
     read_config,
@@ -51,7 +52,6 @@ _WHOLE_NUMBERS = frozenset(
 FINAL_EPISODES = 50
 """Last episodes whose means are a run's final figures."""
 _RESERVE_FILE, _RESERVE_SIZE = ".reserve", 2**16
-_LARGEST_LOG = 2**30
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 _TRIES = 100
 
@@ -179,6 +179,7 @@ class RunDirectory:
             **describe_process(),
             "finished": None,
             "error": None,
+            "episodes_sha256": None,  # until the log is complete
         }
         self._save()
 
@@ -245,7 +246,7 @@ class RunDirectory:
         path = self.path / EPISODES_FILE
         if type(size) is not int or size < 0:
             raise ValueError(f"{size!r} is no size of a log")
-        content = read_bytes(path, max(_LARGEST_LOG, 2 * size))[:size] if path.is_file() else b""
+        content = read_bytes(path, max(LARGEST_LOG, 2 * size))[:size] if path.is_file() else b""
         if size and (len(content) != size or hashlib.sha256(content).hexdigest() != checksum):
             raise ValueError(f"{path} is not what was written")
         rows = _parsed(content.decode()) if size else []
@@ -284,10 +285,17 @@ class RunDirectory:
             "reset_episodes": list(reset_episodes),
             "final": final_figures(rows),
             "error": error,
+            "episodes_sha256": self._log_checksum(),
         }
         self._give_reserve_back()
         self._save()
         self.release()
+
+    def _log_checksum(self) -> str | None:
+        try:
+            return checksum_of_file(self.path / EPISODES_FILE, LARGEST_LOG)
+        except (OSError, ValueError):  # the very reason why the run failed, perhaps
+            return None
 
     def give_up(self, status: Status, error: str | None) -> None:
         """Record that a resumed run could not go on; what it had achieved stays."""
@@ -332,7 +340,7 @@ def read_episodes(path: Path) -> list[Row]:
         OSError: it cannot be read.
         ValueError: it is no such log.
     """
-    return _parsed(read_bytes(path, _LARGEST_LOG).decode())
+    return _parsed(read_bytes(path, LARGEST_LOG).decode())
 
 
 def _parsed(text: str) -> list[Row]:

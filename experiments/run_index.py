@@ -27,8 +27,10 @@ from orchid_uav.experiments.run_directory import (
 from orchid_uav.experiments.run_records import (
     CHECKPOINTS_FOLDER,
     EPISODES_FILE,
+    LARGEST_LOG,
     RECORD_FILE,
     SeenStatus,
+    check_log,
     read_plain_config,
     read_record,
     resume_command,
@@ -61,7 +63,6 @@ _SHAPES: dict[str, type | tuple[type, ...]] = {
     "error": (str, type(None)),
 }
 _STATUSES = ("running", "completed", "failed", "interrupted")
-_LARGEST_LOG = 2**30
 _LOG_END_BYTES = 2**16  # three times what the last 50 episodes take
 
 
@@ -207,8 +208,10 @@ def read_log(run: Run) -> list[Row]:
         InputError: it is damaged.
     """
     path = run.path / EPISODES_FILE
+    if path.exists():
+        check_log(run.path, run.record)
     try:
-        lines = read_bytes(path, _LARGEST_LOG).decode().split("\n")[:-1]
+        lines = read_bytes(path, LARGEST_LOG).decode().split("\n")[:-1]
         if lines and lines[0].split(",") != list(EPISODE_COLUMNS):
             raise ValueError("its columns are others")
         return _rows(lines[1:])

@@ -18,6 +18,8 @@ RECORD_FILE, CONFIG_FILE, EPISODES_FILE = "run.json", "config.json", "episodes.c
 CHECKPOINTS_FOLDER = "checkpoints"
 DEFAULT_RUNS_DIR = Path("runs")
 _LARGEST_CONFIG = 2**20
+LARGEST_LOG = 2**30
+"""Bytes of ``episodes.csv`` at most."""
 
 Status = Literal["running", "completed", "failed", "interrupted"]
 SeenStatus = Literal["running", "completed", "failed", "interrupted", "died"]
@@ -94,6 +96,22 @@ def read_config(path: Path, record: Mapping[str, Any]) -> RunConfig:
         return RunConfig.model_validate(read_plain_config(path, record))
     except ValidationError as error:
         raise InputError(f"{path / CONFIG_FILE}: {describe_error(error)[1]}") from error
+
+
+def check_log(path: Path, record: Mapping[str, Any]) -> None:
+    """Check the episodes of a run that has ended.
+
+    Raises:
+        InputError: they cannot be read, or are not what the run wrote.
+    """
+    file, checksum = path / EPISODES_FILE, record.get("episodes_sha256")
+    try:
+        if checksum is not None and checksum_of_file(file, LARGEST_LOG) != checksum:
+            raise ValueError(f"{file} is not what was written: its checksum (sha256) does not fit")
+    except OSError as error:
+        raise InputError(f"cannot read {file}: {error.strerror or error}") from error
+    except ValueError as error:
+        raise InputError(f"cannot read the run: {error}") from error
 
 
 def status_of(path: Path, record: Mapping[str, Any]) -> SeenStatus:

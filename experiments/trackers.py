@@ -51,7 +51,9 @@ class TensorBoardTracker:
         # Where the clock was set back, another process of this number may have had the name.
         names = chain([name], (f"{name}.{number}" for number in count(1)))
         path = next(path for path in map(directory.joinpath, names) if not path.exists())
-        self._records = RecordWriter(path.open("xb"))
+        # Unbuffered: what a full disk leaves in a buffer is tried again when Python exits.
+        self._file = path.open("xb", buffering=0)
+        self._records = RecordWriter(self._file)
         self._write(file_version="brain.Event:2")
 
     def resume(self, episodes: int) -> None:
@@ -71,8 +73,11 @@ class TensorBoardTracker:
 
     def _write(self, **content: Any) -> None:
         event = self._event(wall_time=time.time(), **content)
-        self._records.write(event.SerializeToString())
-        self._records.flush()
+        try:
+            self._records.write(event.SerializeToString())
+        except OSError:
+            self._file.close()
+            raise
 
 
 class MlflowTracker:

@@ -256,13 +256,15 @@ def train(
             f"run {run.id} failed after {len(outcome.rows)} episodes: {reason} ({kept})"
         ) from error
     finally:
+        run.release()  # where the end could not be recorded, it holds the lock still
         for tracker in trackers:
             tracker.close(outcome.status)
     return outcome
 
 
 def _in_one_line(error: Exception) -> str:
-    plain = _ESCAPE_CODE.sub("", f"{type(error).__name__}: {error}")
+    is_ours = isinstance(error, InputError | RunFailedError)  # whose message is for people
+    plain = _ESCAPE_CODE.sub("", str(error) if is_ours else f"{type(error).__name__}: {error}")
     text = " ".join(plain.split())
     return text if len(text) <= _LONGEST_REASON else text[:_LONGEST_REASON] + " ..."
 
@@ -344,13 +346,15 @@ def _go_back(
             training.restore(state)
             # Last: from here on, the log of a later checkpoint is gone.
             rows = run.keep_episodes(state.document["log_size"], state.document["log_sha256"])
+            if len(rows) != episode:
+                raise ValueError(f"its log has {len(rows)} episodes")
         except (InputError, *STATE_ERRORS) as error:
             reporter.warn(f"checkpoint {episode} cannot be used: {_in_one_line(error)}")
             continue
         checkpoints.forget_later_than(episode)
         return rows
     if checkpoints.episodes():
-        raise LookupError(
+        raise RunFailedError(
             f"none of the checkpoints can be used; without {checkpoints.folder} it begins anew"
         )
     run.keep_episodes(0, "")

@@ -1,6 +1,7 @@
 """All that the rest of a training run depends on, taken and given back."""
 
 import base64
+import json
 import random
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
@@ -85,6 +86,14 @@ class Training:
         self.model._last_episode_starts = np.repeat(is_start, self.env.agents_per_world)
         # Last: whatever came before may have drawn from them.
         _restore_generators(document["generators"], self.model.device)
+        # What is missing, or of another type, is in force as something else than what was written.
+        for key, value in self.state().document.items():
+            if _canonical(value) != _canonical(document[key]):
+                raise ValueError(f"its {key} are not what a run has")
+
+
+def _canonical(value: Any) -> str:
+    return json.dumps(value, sort_keys=True)
 
 
 def _generators(device: torch.device) -> dict[str, Any]:
@@ -104,6 +113,8 @@ def _restore_generators(states: Mapping[str, Any], device: torch.device) -> None
     version, words, following = states["python"]
     random.setstate((version, tuple(words), following))
     name, keys, *rest = states["numpy"]
+    if not 0 <= rest[0] <= len(keys):  # which NumPy takes on trust
+        raise ValueError(f"NumPy's generator has no number {rest[0]}")
     np.random.set_state((name, np.array(keys, np.uint32), *rest))  # noqa: NPY002
     if device.type == "cuda":
         torch.cuda.set_rng_state(_tensor(states["cuda"]), device)

@@ -232,7 +232,7 @@ def _continuation_text(path: Path) -> str:
 
 def _after_failure(path: Path, error: RunFailedError) -> str:
     if isinstance(error.__cause__, ArithmeticError):
-        return "it would fail again in the same way: lower the learning rates"
+        return "it would fail again in the same way: begin a new run with lower learning rates"
     return f"once that is mended, {_continuation_text(path)}"
 
 

@@ -87,7 +87,9 @@ class TestRandomTrigger:
         assert first == again
         assert len({episodes[0] for episodes in first}) > 15
 
-    @pytest.mark.parametrize(("episodes", "count"), [(50, 3), (9, 2), (6, 1), (5, 1), (4, 0), (1, 0)])
+    @pytest.mark.parametrize(
+        ("episodes", "count"), [(50, 3), (9, 2), (6, 1), (5, 1), (4, 0), (1, 0)]
+    )
     def test_draws_as_many_as_allowed_and_possible(self, episodes, count):
         drawn = reset_episodes(1, episodes, max_resets=3)
         assert len(drawn) == len(set(drawn)) == count

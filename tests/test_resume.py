@@ -208,7 +208,7 @@ class TestRestOfTheRun:
         logged = columns(begin(runs_dir, case("mappo, resets")))
         assert logged["reset"] == [0, 1, 0, 1, 0, 0, 0, 0]
         rates = [1e-4 * 0.5 ** ((e >= 2) + (e >= 4)) for e in range(1, 9)]
-        decay = [1 - 0.8 * done / 8 for done in range(8)]
+        decay = [1 - 0.8 * done / 8 for done in range(1, 9)]
         assert logged["actor_lr"] == pytest.approx(np.multiply(rates, decay), rel=1e-12)
         logged = columns(begin(runs_dir, case("mappo, schedules that end early")))
         assert logged["entropy_coef"] == pytest.approx(

@@ -321,6 +321,7 @@ class TestEnd:
             "reset_episodes",
             "final",
             "error",
+            "episodes_sha256",
             "seal",
         }
         assert after.keys() == before.keys()

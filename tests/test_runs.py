@@ -1,5 +1,6 @@
 """``orchid runs``: listing, filtering, sorting, showing, comparing and deleting."""
 
+import hashlib
 import io
 import json
 import os
@@ -490,6 +491,10 @@ class TestShow:
         log = path / "episodes.csv"
         for content in ("episode,reward\n1,2\n", log.read_text().replace("1,", "x,", 1)):
             log.write_text(content)
+            checksum = hashlib.sha256(log.read_bytes()).hexdigest()
+            finished = orchid("runs", "show", path.name, "--runs-dir", runs)
+            assert "episodes.csv is not what was written" in finished.err
+            reseal(path, episodes_sha256=checksum)
             finished = orchid("runs", "show", path.name, "--runs-dir", runs)
             assert finished.code == 2
             assert "episodes.csv is damaged" in finished.err
