@@ -17,7 +17,7 @@ from orchid_uav.experiments.files import write_atomically
 
 ABLATIONS: dict[str, tuple[str, ...]] = {
     "ablation_no_rf": ("--no-rf",),
-    "ablation_controls": ("--no-rf", "--controls", "all"),
+    "ablation_controls": ("--no-rf", "--controls", "reset-only,decay-only"),
 }
 
 

@@ -12,7 +12,7 @@ from orchid_uav.experiments.metrics import METRICS, label_of
 from orchid_uav.experiments.run_directory import FINAL_EPISODES
 from orchid_uav.experiments.variants import BASE
 
-NAME = "ablation_no_rf"
+NAME, CONTROLS = "ablation_no_rf", "ablation_controls"
 CURVES = FIGURES / f"{NAME}.png"
 _HEADS = ("figure", "difference [95 %]", "relative", "P(better)", "p (Holm)", "verdict")
 
@@ -82,6 +82,40 @@ def effects_block() -> str:
         heads = [*_HEADS, "with (IQM)", "without (IQM)"]
         parts += [f"**{title.capitalize()}**", table(heads, rows)]
     return "\n\n".join([*parts, _source(document)])
+
+
+def controls_block() -> str:
+    """Which half of Reset-and-Finetune does what it does."""
+    document = read(CONTROLS)
+    rows = [
+        [f"`{name}`", METRICS[figure].heading, *_control_cells(document, name, figure)]
+        for name in document["comparisons"]["training"]
+        for figure in ("reward", "rate_jfi", "load_jfi", "energy_efficiency_bit_per_joule")
+    ]
+    heads = ["variant", "last training episodes", "difference [95 %]", "p (Holm)", "verdict"]
+    utility = [
+        [f"`{name}`", *(f"{values[name]['utility']['iqm']:.3f}" for values in _flown(document))]
+        for name in document["values"]["evaluation"]
+    ]
+    return "\n\n".join(
+        [
+            table(heads, rows, words=2),
+            table(["utility, IQM of seeds", "deterministic", "sampled"], utility),
+            _source(document, CONTROLS),
+        ]
+    )
+
+
+def _control_cells(document: Mapping[str, Any], name: str, figure: str) -> list[str]:
+    found = document["comparisons"]["training"][name][figure]
+    low, high = found["difference"]["ci95"]
+    mean = signed(figure, found["difference"]["mean"])
+    ends = f"[{signed(figure, low)}, {signed(figure, high)}]"
+    return [f"{mean} {ends}", f"{found['p_holm']:.3f}", found["verdict"]]
+
+
+def _flown(document: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    return [document["values"][kind] for kind in ("evaluation", "sampled")]
 
 
 def twins_block() -> str:
@@ -157,11 +191,11 @@ def curves_block() -> str:
     )
 
 
-def _source(document: Mapping[str, Any]) -> str:
+def _source(document: Mapping[str, Any], name: str = NAME) -> str:
     hours = sum(run["seconds"] for run in document["runs"]) / 3600
     return (
         f"{document['date']}, {document['host']['processor']}, `{' '.join(document['command'])}`, "
-        f"{hours:.1f} hours of one core; `make ablation` → `benchmarks/results/{NAME}.json`."
+        f"{hours:.1f} hours of one core; `make ablation` → `benchmarks/results/{name}.json`."
     )
 
 
@@ -205,5 +239,6 @@ ABLATION_BLOCKS = {
     "learning curves": (_PAGE, curves_block),
     "policies and twins": (_PAGE, twins_block),
     "trigger": (_PAGE, trigger_block),
+    "controls": (_PAGE, controls_block),
 }
 """Page and content of every block, by the name in its markers."""
