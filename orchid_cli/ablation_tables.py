@@ -141,8 +141,11 @@ def _cells(
 
 def signed(figure: str, value: float | None) -> str:
     """A difference as it is shown, with one digit more than the figure itself."""
+    if value is None:
+        return "-"
     metric = METRICS[figure]
-    return "-" if value is None else f"{value * metric.scale:+.{metric.digits + 1}f}"
+    text = f"{value * metric.scale:+.{metric.digits + 1}f}"
+    return text if float(text) else text[1:]  # zero has no sign
 
 
 def _interval(figure: str, ends: Sequence[float] | None) -> str:
