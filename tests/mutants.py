@@ -231,7 +231,7 @@ MUTANTS = [
     Mutant(
         "a resume that forgets the windows of the trigger",
         "callbacks/reset_and_finetune.py",
-        'self._jfi, self._reward = list(state["rate_jfi"]), list(state["reward"])',
+        'self._jfi = [float(value) for value in state["rate_jfi"]]',
         "pass",
         "test_resume.py",
     ),
