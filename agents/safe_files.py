@@ -111,9 +111,8 @@ def read_sealed(path: Path, largest: int = LARGEST_DOCUMENT) -> dict[str, Any]:
         ValueError: as :func:`read_document`, or it is not what was written.
     """
     document = read_document(path, largest)
-    seal = document.get(SEAL)
     try:
-        unbroken = seal == _checksum({k: v for k, v in document.items() if k != SEAL})
+        unbroken = document.get(SEAL) == sealed(document)[SEAL]
     except (ValueError, RecursionError) as error:
         raise ValueError(f"{path} cannot be checked: {error}") from error
     if not unbroken:

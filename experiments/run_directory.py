@@ -278,18 +278,13 @@ class RunDirectory:
     ) -> None:
         """Record how the run ended, and its final figures."""
         self.record |= {
-            "status": status,
-            "finished": datetime.now(UTC).isoformat(timespec="seconds"),
             "seconds": round(seconds, 3),
             "episodes": len(rows),
             "reset_episodes": list(reset_episodes),
             "final": final_figures(rows),
-            "error": error,
             "episodes_sha256": self._log_checksum(),
         }
-        self._give_reserve_back()
-        self._save()
-        self.release()
+        self.give_up(status, error)
 
     def _log_checksum(self) -> str | None:
         try:
@@ -298,7 +293,7 @@ class RunDirectory:
             return None
 
     def give_up(self, status: Status, error: str | None) -> None:
-        """Record that a resumed run could not go on; what it had achieved stays."""
+        """Record an end alone; what a resumed run that could not go on had achieved stays."""
         self.record |= {
             "status": status,
             "finished": datetime.now(UTC).isoformat(timespec="seconds"),

@@ -67,7 +67,8 @@ class TrainingJob:
 
     def completed(self) -> Path | None:
         """The run's directory if it is complete."""
-        return self.find() if self.status() == "completed" else None
+        path = self.find()
+        return path if path and read_record(path)["status"] == "completed" else None
 
     def as_job(self, folder: Path, cost: float = 1.0) -> Job:
         """The process that runs it; its order and log are kept in ``folder``."""

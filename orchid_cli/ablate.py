@@ -19,6 +19,7 @@ from orchid_uav.cli.configuring import (
     UavsOption,
     UsersOption,
     WorldsOption,
+    layers_of,
 )
 from orchid_uav.cli.console import (
     FAILED,
@@ -35,12 +36,9 @@ from orchid_uav.cli.console import (
     stdout_for_json_alone,
 )
 from orchid_uav.experiments.configuration import (
-    Layer,
     RunConfig,
     assignment_layer,
-    file_layer,
     merge,
-    preset_layer,
 )
 from orchid_uav.experiments.errors import InputError, RunFailedError
 from orchid_uav.experiments.ranges import parse_counts, parse_numbers
@@ -52,14 +50,7 @@ if TYPE_CHECKING:
     from orchid_uav.experiments.variants import Variant
 
 _BASE, _VARIANTS, _STUDY = "Base", "Variants, each compared with the base", "Study"
-_BASE_FLAGS = {
-    "uavs": "network.uav_count",
-    "users": "network.user_count",
-    "distribution": "network.distribution",
-    "episodes": "training.episodes",
-    "worlds": "training.worlds",
-    "algorithm": "training.algorithm",
-}
+_BASE_FLAGS = ("uavs", "users", "distribution", "episodes", "worlds", "algorithm")
 
 
 def _option(panel: str, text: str, *names: str, **others: Any) -> Any:
@@ -197,16 +188,8 @@ def ablate(
 
 
 def _base(given: dict[str, Any]) -> RunConfig:
-    layers = [preset_layer(given["preset"])]
-    if given["config"] is not None:
-        layers.append(file_layer(given["config"]))
-    layers.append(assignment_layer(given["base"] or [], "--base"))
-    layers += [
-        Layer(f"--{name}", {key: given[name]})
-        for name, key in _BASE_FLAGS.items()
-        if given[name] is not None
-    ]
-    return merge(layers)[0]
+    assignments = assignment_layer(given["base"] or [], "--base")
+    return merge(layers_of(given, assignments, _BASE_FLAGS))[0]
 
 
 def _variants(

@@ -1,5 +1,6 @@
 """The flags that make up a configuration, shared by all commands that take one."""
 
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -73,18 +74,22 @@ FLAGS = {
 """Configuration keys of the named flags."""
 
 
-def configuration(context: typer.Context) -> tuple[RunConfig, dict[str, str]]:
-    """Preset < file < --set < flags as given to the command, and each value's source by its key."""
-    given = context.params
+def layers_of(given: Mapping[str, Any], assignments: Layer, flags: Iterable[str]) -> list[Layer]:
+    """Preset < file < assignments < named flags, of the parameters given to a command."""
     layers = [preset_layer(given["preset"])]
     if given["config"] is not None:
         layers.append(file_layer(given["config"]))
-    layers.append(assignment_layer(given["assignments"] or []))
+    layers.append(assignments)
     layers += [
-        Layer(f"--{name}", {key: given[name]})
-        for name, key in FLAGS.items()
-        if given[name] is not None
+        Layer(f"--{name}", {FLAGS[name]: given[name]}) for name in flags if given[name] is not None
     ]
+    return layers
+
+
+def configuration(context: typer.Context) -> tuple[RunConfig, dict[str, str]]:
+    """Preset < file < --set < flags as given to the command, and each value's source by its key."""
+    given = context.params
+    layers = layers_of(given, assignment_layer(given["assignments"] or []), FLAGS)
     if given["no_rf"]:
         layers.append(Layer("--no-rf", {"reset.enabled": False}))
     return merge(layers)

@@ -41,6 +41,11 @@ def console(stderr: bool = False) -> Console:
     return made
 
 
+def has_cursor(out: Console) -> bool:
+    """Whether a display can be drawn over again there."""
+    return out.is_terminal and not out.is_dumb_terminal
+
+
 def print_error(message: str) -> None:
     """One error on stderr."""
     Console(stderr=True, highlight=False, soft_wrap=True).print(

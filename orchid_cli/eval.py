@@ -33,6 +33,7 @@ from orchid_uav.experiments.configuration import (
 )
 from orchid_uav.experiments.errors import InputError, unknown
 from orchid_uav.experiments.ranges import MOST_VALUES, parse_counts, parse_numbers
+from orchid_uav.experiments.run_records import DEFAULT_RUNS_DIR
 
 if TYPE_CHECKING:
     from orchid_uav.experiments.configuration import Layer
@@ -109,7 +110,7 @@ def evaluate(
     ] = None,
     runs_dir: Annotated[
         Path, _option(OUTPUT_PANEL, "Where RUN is looked for.", envvar="ORCHID_RUNS_DIR")
-    ] = Path("runs"),
+    ] = DEFAULT_RUNS_DIR,
     figures: Annotated[
         bool, _option(OUTPUT_PANEL, "Draw a figure per metric.", "--figures/--no-figures")
     ] = True,

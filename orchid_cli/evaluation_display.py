@@ -11,7 +11,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from orchid_uav.cli.console import print_line
+from orchid_uav.cli.console import has_cursor, print_line
 from orchid_uav.experiments.evaluation import Flight, SilentProgress, describe
 from orchid_uav.experiments.evaluation import Progress as FlightProgress
 from orchid_uav.experiments.metrics import label_of
@@ -25,8 +25,7 @@ def evaluation_progress(out: Console, quiet: bool) -> FlightProgress:
     """The display that suits a console."""
     if quiet:
         return SilentProgress()
-    has_cursor = out.is_terminal and not out.is_dumb_terminal
-    return LiveProgress(out) if has_cursor else LineProgress(out)
+    return LiveProgress(out) if has_cursor(out) else LineProgress(out)
 
 
 def _describe(flight: Flight) -> str:

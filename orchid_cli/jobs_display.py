@@ -7,7 +7,7 @@ from datetime import timedelta
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
-from orchid_uav.cli.console import print_line
+from orchid_uav.cli.console import has_cursor, print_line
 from orchid_uav.experiments.jobs import Job, JobEnd, JobProgress, Overview
 
 _SECONDS_BETWEEN_LINES = 5.0
@@ -18,8 +18,7 @@ def job_progress(out: Console, quiet: bool) -> JobProgress:
     """The display that suits a console."""
     if quiet:
         return SilentJobProgress()
-    has_cursor = out.is_terminal and not out.is_dumb_terminal
-    return LiveJobProgress(out) if has_cursor else LineJobProgress(out)
+    return LiveJobProgress(out) if has_cursor(out) else LineJobProgress(out)
 
 
 def duration_text(seconds: float) -> str:

@@ -36,6 +36,7 @@ from orchid_uav.cli.console import (
     QuietOption,
     console,
     failing_well,
+    has_cursor,
     print_line,
     print_note,
     print_table,
@@ -245,8 +246,7 @@ def _reporter(out: Console, quiet: bool) -> "Reporter":
 
     if quiet:
         return SilentReporter()
-    has_cursor = out.is_terminal and not out.is_dumb_terminal
-    return LiveReporter(out) if has_cursor else LineReporter(out)
+    return LiveReporter(out) if has_cursor(out) else LineReporter(out)
 
 
 def _print_outcome(out: Console, outcome: "TrainingOutcome") -> None:
