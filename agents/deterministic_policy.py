@@ -32,6 +32,8 @@ class JointCriticPolicy(LocalActorPolicy):
         lr_schedule: learning rate of both groups until :class:`MADDPG` sets each its own.
         agents_per_world: number N of agents whose actions the critic sees.
         net_arch: hidden layers of all networks.
+        ortho_init: orthogonal weights, gain sqrt(2), 0.01 for the actor's and 1 for the critic's
+            last layer; else torch's own.
         optimizer_kwargs: of Adam.
         kwargs: further arguments of SB3's ``BasePolicy``.
     """
@@ -45,6 +47,7 @@ class JointCriticPolicy(LocalActorPolicy):
         lr_schedule: Schedule,
         agents_per_world: int = 1,
         net_arch: Sequence[int] = HIDDEN_SIZES,
+        ortho_init: bool = True,
         optimizer_kwargs: dict[str, Any] | None = None,
         **kwargs: Any,
     ) -> None:
@@ -63,8 +66,10 @@ class JointCriticPolicy(LocalActorPolicy):
         actor_sizes = spaces.flatdim(observation_space["observation"]), self.net_arch, action_size
         critic_sizes = critic_inputs, self.net_arch, 1
         self.actor, self.critic = perceptron(*actor_sizes), perceptron(*critic_sizes)
-        initialise_orthogonally(self.actor, LAST_ACTOR_GAIN)
-        initialise_orthogonally(self.critic, LAST_CRITIC_GAIN)
+        self.ortho_init = ortho_init
+        if ortho_init:
+            initialise_orthogonally(self.actor, LAST_ACTOR_GAIN)
+            initialise_orthogonally(self.critic, LAST_CRITIC_GAIN)
         self.actor_target, self.critic_target = perceptron(*actor_sizes), perceptron(*critic_sizes)
         self.actor_target.load_state_dict(self.actor.state_dict())
         self.critic_target.load_state_dict(self.critic.state_dict())
@@ -98,6 +103,7 @@ class JointCriticPolicy(LocalActorPolicy):
             "agents_per_world": self.agents_per_world,
             "net_arch": self.net_arch,
             "optimizer_class": self.optimizer_class,
+            "ortho_init": self.ortho_init,
             "optimizer_kwargs": self.optimizer_kwargs,
         }
 

@@ -41,7 +41,7 @@ class CentralizedCriticPolicy(LocalActorPolicy, ActorCriticPolicy):
         net_arch: hidden layers of both networks.
         log_std_init: first value of the log standard deviation.
         ortho_init: orthogonal weights, gain sqrt(2), 0.01 for the actor's and 1 for the critic's
-            last layer.
+            last layer; else torch's own.
         kwargs: further arguments of SB3's ``ActorCriticPolicy``.
     """
 
