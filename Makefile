@@ -8,7 +8,7 @@ ROOMS := src envs agents callbacks experiments orchid_cli
 JOBS ?= 2
 
 .DEFAULT_GOAL := help
-.PHONY: help install train test lint bench docs docs-data mutants reference studies ablation clean FORCE
+.PHONY: help install train test lint bench docs docs-data mutants reference studies ablation public validation clean FORCE
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -45,6 +45,13 @@ studies: install  ## fly the evaluations that the documentation shows; about an 
 ablation: install  ## ten seeds with and without Reset-and-Finetune, compared; about an hour
 	$(BIN)/python -m benchmarks.ablation
 
+public: .venv-benchmarl/.installed .venv-agilerl/.installed  ## build the environments of public implementations
+
+validation: public  ## our learners beside public ones, ten seeds; about two hours, then their speed
+	$(BIN)/python -m benchmarks.validation
+	$(BIN)/python -m benchmarks.training_speed --json benchmarks/results/training_speed.json
+	.venv-benchmarl/bin/python -m benchmarks.spread.fixed_batch tests/data/benchmarl_batch.json
+
 docs-data: install  ## numbers and figures of the documentation, from benchmarks/results
 	$(BIN)/python -m docs.generate
 
@@ -52,7 +59,7 @@ docs: install  ## build the documentation into site/
 	$(BIN)/mkdocs build --strict --quiet
 
 clean:  ## remove everything that was built; runs stay
-	rm -rf .venv build dist site *.egg-info src/*.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf .venv .venv-benchmarl .venv-agilerl build dist site *.egg-info src/*.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 .venv/.installed: pyproject.toml constraints.txt
@@ -63,6 +70,21 @@ clean:  ## remove everything that was built; runs stay
 
 .venv/.linked: .venv/.installed .venv/.files
 	$(BIN)/python -m pip install --quiet --no-deps --config-settings editable_mode=strict --editable .
+	@touch $@
+
+# On top of .venv, so that torch, MPE2 and this package are the same on both sides.
+.venv-benchmarl/.installed: benchmarks/requirements/benchmarl.txt .venv/.installed
+	$(PYTHON) -m venv .venv-benchmarl
+	below=$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') && \
+	own=$$(.venv-benchmarl/bin/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') && \
+	echo "import site; site.addsitedir('$$below')" > "$$own/orchid.pth"
+	.venv-benchmarl/bin/python -m pip install --quiet --no-deps --requirement $<
+	@touch $@
+
+.venv-agilerl/.installed: benchmarks/requirements/agilerl.txt constraints.txt
+	$(PYTHON) -m venv .venv-agilerl
+	.venv-agilerl/bin/python -m pip install --quiet --constraint constraints.txt torch
+	.venv-agilerl/bin/python -m pip install --quiet --requirement $<
 	@touch $@
 
 # Rewritten only when the list of files has changed.

@@ -23,8 +23,8 @@ Case = Callable[[int], float]
 """Measures once; its argument is the number of the repetition, from 0."""
 
 
-def arguments(description: str, repetitions: int) -> argparse.Namespace:
-    """The command line of a benchmark."""
+def arguments_parser(description: str, repetitions: int) -> argparse.ArgumentParser:
+    """What every benchmark takes."""
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument("--json", type=Path, metavar="FILE", help="write all figures there")
     parser.add_argument(
@@ -33,7 +33,12 @@ def arguments(description: str, repetitions: int) -> argparse.Namespace:
         default=repetitions,
         help="repetitions of each case (default: %(default)s)",
     )
-    return parser.parse_args()
+    return parser
+
+
+def arguments(description: str, repetitions: int) -> argparse.Namespace:
+    """The command line of a benchmark that takes nothing else."""
+    return arguments_parser(description, repetitions).parse_args()
 
 
 def alternate(cases: Mapping[str, Case], repetitions: int) -> dict[str, dict[str, Any]]:

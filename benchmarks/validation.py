@@ -29,6 +29,7 @@ PYTHONS = {
     "benchmarl": ".venv-benchmarl/bin/python",
     "agilerl": ".venv-agilerl/bin/python",
 }
+ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 _PPO = {"frames": 250_000, "learning_rate": 3e-3}
 _MADDPG = {"frames": 150_000, "learning_rate": 1e-3}
 SEEDS = 10
@@ -114,7 +115,7 @@ def run(arm: Arm, seed: int, pythons: Mapping[str, str], directory: Path) -> dic
             outcome = subprocess.run(
                 arm.command(pythons, seed, path),
                 cwd=ROOT,
-                env=os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
+                env=os.environ | ONE_THREAD,
                 stdout=output,
                 stderr=subprocess.STDOUT,
                 check=False,

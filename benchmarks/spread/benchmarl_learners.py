@@ -8,7 +8,6 @@ distribution of ours, so that what is left between the two is not the distributi
 import tempfile
 import warnings
 from importlib.metadata import version
-from typing import Any
 
 import numpy as np
 import torch
@@ -170,11 +169,11 @@ def make_experiment(
     )
 
 
-def learn(name: str, seed: int, settings: Settings, stock_wrapper: bool = False) -> Learned:
-    """Train "mappo", "mappo-gaussian" or "maddpg"."""
+def learn(name: str, seed: int, settings: Settings) -> Learned:
+    """Train "mappo", "mappo-gaussian" or "maddpg", or "mappo-stock": in TorchRL's own wrapper."""
     warnings.filterwarnings("ignore")
-    task: Any
-    if stock_wrapper:
+    task: TaskClass
+    if name == "mappo-stock":
         task = StockSpreadTask()
     else:
         task = SpreadTask(lowest_action=-1.0 if name == "mappo-gaussian" else 0.0)

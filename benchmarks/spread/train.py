@@ -17,7 +17,7 @@ from benchmarks.spread.task import Settings, final_returns
 
 LIBRARIES = {
     "orchid": ("mappo", "maddpg", "ippo"),
-    "benchmarl": ("mappo", "mappo-gaussian", "maddpg"),
+    "benchmarl": ("mappo", "mappo-gaussian", "mappo-stock", "maddpg"),
     "agilerl": ("maddpg",),
 }
 

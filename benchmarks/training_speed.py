@@ -1,0 +1,137 @@
+"""Training beside BenchMARL's MAPPO: on this project's environment, and on simple_spread.
+
+On this project's environment ``orchid train`` flies the paper's network as users have it: with
+checkpoints, log and TensorBoard's events. BenchMARL's MAPPO does so in TorchRL's wrapper and logs
+nothing. Both fly one world, update after every episode of 200 slots for 4 epochs, and have networks
+of the same layers. A minibatch is 128 samples of one UAV each here and 21 frames of six UAVs there:
+ten gradient steps an epoch on either side.
+
+On simple_spread the settings are those of ``benchmarks.validation``; "mappo-stock" is BenchMARL's
+in TorchRL's wrapper, "mappo" in the batch of worlds that the validation gives it.
+
+Everything is a process of its own with one thread; seconds begin after imports and construction,
+and the cases take turns.
+"""
+
+import json
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from benchmarks.measuring import alternate, arguments_parser, ratio, record, report
+from benchmarks.validation import ONE_THREAD, PYTHONS, ROOT, Arm
+from orchid_uav.experiments.configuration import RunConfig
+
+EPISODES, SPREAD_FRAMES = 30, 10_000
+_PAPER = RunConfig()
+_PPO, _SLOTS = _PAPER.ppo, _PAPER.network.episode_slots
+FLEET_SETTINGS = {
+    "frames": EPISODES * _SLOTS,
+    "worlds": 1,
+    "frames_per_iteration": _SLOTS,
+    "minibatch_frames": _PPO.batch_size // _PAPER.network.uav_count,
+    "epochs": _PPO.epochs,
+    "hidden_sizes": list(_PPO.hidden_sizes),
+    "learning_rate": _PPO.actor_learning_rate,
+    "gamma": _PPO.discount,
+    "gae_lambda": _PPO.gae_lambda,
+    "clip_range": _PPO.clip_ratio,
+    "max_grad_norm": _PPO.max_grad_norm,
+}
+"""Of BenchMARL's run, as of ``benchmarks.spread.task.Settings``."""
+SPREAD_ARMS = [("orchid", "mappo"), ("benchmarl", "mappo"), ("benchmarl", "mappo-stock")]
+
+
+def orchid_s(repetition: int) -> float:
+    """Seconds of ``orchid train``."""
+    with tempfile.TemporaryDirectory() as directory:
+        command = [sys.executable, "-m", "orchid_uav", "train", "--json", "--quiet"]
+        command += ["--episodes", str(EPISODES), "--seed", str(repetition)]
+        return json.loads(_output([*command, "--runs-dir", directory]))["seconds"]
+
+
+def benchmarl_s(python: str, parts: list[dict[str, Any]], repetition: int) -> float:
+    """Seconds of BenchMARL on the same environment, with what they were spent on added to parts."""
+    command = [python, "-m", "benchmarks.benchmarl_fleet", json.dumps(FLEET_SETTINGS)]
+    parts.append(json.loads(_output([*command, str(repetition)]).splitlines()[-1]))
+    return parts[-1]["seconds"]
+
+
+def spread_s(arm: Arm, python: str, repetition: int) -> float:
+    """Seconds of training on simple_spread."""
+    with tempfile.TemporaryDirectory() as directory:
+        out = Path(directory) / "run.json"
+        _output(arm.command({arm.library: python}, repetition, out))
+        return json.loads(out.read_text(encoding="utf-8"))["training_s"]
+
+
+def _output(command: list[str]) -> str:
+    environment = os.environ | ONE_THREAD
+    return subprocess.run(
+        command, cwd=ROOT, env=environment, check=True, capture_output=True, text=True
+    ).stdout
+
+
+def main() -> None:
+    """Measure and report."""
+    parser = arguments_parser(__doc__.splitlines()[0], repetitions=5)
+    parser.add_argument("--benchmarl-python", default=str(ROOT / PYTHONS["benchmarl"]))
+    options = parser.parse_args()
+    pythons = PYTHONS | {"benchmarl": options.benchmarl_python}
+    parts: list[dict[str, Any]] = []
+    fleet = alternate(
+        {
+            "orchid train": orchid_s,
+            "BenchMARL MAPPO": partial(benchmarl_s, pythons["benchmarl"], parts),
+        },
+        options.repetitions,
+    )
+    judging = {"frames": SPREAD_FRAMES, "curve_points": 1, "final_episodes": 1}
+    arms = [Arm(library, method, judging) for library, method in SPREAD_ARMS]
+    spread = alternate(
+        {arm.name: partial(spread_s, arm, pythons[arm.library]) for arm in arms},
+        options.repetitions,
+    )
+    spent = {
+        part: round(statistics.median(run[part] for run in parts[1:]), 4)
+        for part in ("collecting_s", "learning_s")
+    }
+    ratios = {
+        "BenchMARL MAPPO / orchid train": ratio(fleet, "BenchMARL MAPPO", "orchid train"),
+        **{
+            f"{arm.name} / {arms[0].name}": ratio(spread, arm.name, arms[0].name)
+            for arm in arms[1:]
+        },
+    }
+    speeds = {
+        name: round(frames / case["median"])
+        for cases, frames in ((fleet, FLEET_SETTINGS["frames"]), (spread, SPREAD_FRAMES))
+        for name, case in cases.items()
+    }
+    document = record(
+        {
+            "repetitions": options.repetitions,
+            "episodes": EPISODES,
+            "spread_frames": SPREAD_FRAMES,
+            "benchmarl": FLEET_SETTINGS,
+        },
+        seconds=fleet,
+        spread_seconds=spread,
+        benchmarl_spent_s=spent,
+        benchmarl_versions=parts[0]["versions"],
+        frames_per_second=speeds,
+        ratios=ratios,
+    )
+    rows = {name: f"{value} frames/s" for name, value in speeds.items()}
+    rows |= {f"BenchMARL, {part}": f"{value:.2f} s" for part, value in spent.items()}
+    rows |= {name: f"{value:.2f} x" for name, value in ratios.items()}
+    report("Training, one thread", rows, document, options.json)
+
+
+if __name__ == "__main__":
+    main()
