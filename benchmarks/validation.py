@@ -2,7 +2,8 @@
 
 Every run is a process of its own, with one thread, in the environment of its library; seed by seed
 the learners take turns, so that whatever disturbs the machine disturbs all of them. Runs that lie
-in ``--runs`` already are not done again. The rows and the comparison go to one JSON file.
+in ``--runs`` already are not done again; one that fails is counted as a failure, and tried again
+the next time. The rows and the comparison go to one JSON file.
 """
 
 import argparse
@@ -10,7 +11,7 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -30,7 +31,7 @@ PYTHONS = {
     "agilerl": ".venv-agilerl/bin/python",
 }
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-_PPO = {"frames": 250_000, "learning_rate": 3e-3}
+_PPO = {"frames": 200_000, "learning_rate": 1e-3}
 _MADDPG = {"frames": 150_000, "learning_rate": 1e-3}
 SEEDS = 10
 TUNING_SEED = 100
@@ -96,6 +97,8 @@ TRIALS = (
     ),
 )
 """What was tried before the settings were chosen: on the public code alone, with another seed."""
+DIVERGED = Arm("benchmarl", "mappo", {"frames": 250_000, "learning_rate": 3e-3}), 0
+"""Was to be compared first, and ended in actions that are no numbers."""
 
 
 def jobs(arms: tuple[Arm, ...], seeds: int) -> Iterator[tuple[Arm, int]]:
@@ -107,7 +110,7 @@ def jobs(arms: tuple[Arm, ...], seeds: int) -> Iterator[tuple[Arm, int]]:
 
 
 def run(arm: Arm, seed: int, pythons: Mapping[str, str], directory: Path) -> dict[str, Any]:
-    """The row of one run, trained unless it is there already."""
+    """The row of one run, trained unless it is there already; "failed" says why there is none."""
     path = directory / arm.file(seed)
     if not path.exists():
         log = path.with_suffix(".log")
@@ -120,9 +123,13 @@ def run(arm: Arm, seed: int, pythons: Mapping[str, str], directory: Path) -> dic
                 stderr=subprocess.STDOUT,
                 check=False,
             )
+        print(f"{arm.name}, seed {seed}: {outcome.returncode or 'done'}", flush=True)
         if outcome.returncode:
-            raise SystemExit(f"{arm.name}, seed {seed}, ended with {outcome.returncode}: {log}")
-        print(f"{arm.name}, seed {seed}", flush=True)
+            said = [
+                line for line in log.read_text(errors="replace").splitlines() if "Error" in line
+            ]
+            reason = said[-1].strip() if said else f"ended with {outcome.returncode}"
+            return {"library": arm.library, "method": arm.method, "seed": seed, "failed": reason}
     return json.loads(path.read_text(encoding="utf-8"))
 
 
@@ -137,23 +144,22 @@ def run_all(
 
 def compact(row: Mapping[str, Any]) -> dict[str, Any]:
     """A run as it is kept: the mean of its final episodes, and the curve without its frames."""
+    run = {"arm": f"{row['library']} {row['method']}", "seed": row["seed"]}
+    if "failed" in row:
+        return run | {"final_return": None, "failed": row["failed"]}
     returns = row["final_returns"]
-    return {
-        "arm": f"{row['library']} {row['method']}",
-        "seed": row["seed"],
+    return run | {
         "final_return": sum(returns) / len(returns),
         "training_s": row["training_s"],
         "curve": [value for _, value in row["curve"]],
     }
 
 
-def arm_record(arm: Arm, row: Mapping[str, Any]) -> dict[str, Any]:
+def arm_record(arm: Arm, rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """What all runs of an arm have in common."""
-    return {
-        "changes": dict(arm.changes),
-        "frames": [frames for frames, _ in row["curve"]],
-        "versions": row["versions"],
-    }
+    one = next(row for row in rows if row["library"] == arm.library and "failed" not in row)
+    frames = Settings(**arm.changes).curve_frames
+    return {"changes": dict(arm.changes), "frames": frames, "versions": one["versions"]}
 
 
 def main() -> None:
@@ -171,19 +177,20 @@ def main() -> None:
     pythons = PYTHONS | {
         library: getattr(arguments, f"{library}_python") for library in ("benchmarl", "agilerl")
     }
-    todo = [(trial, TUNING_SEED) for trial in TRIALS] + list(jobs(ARMS, arguments.seeds))
+    tried = [*((trial, TUNING_SEED) for trial in TRIALS), DIVERGED]
+    todo = [*tried, *jobs(ARMS, arguments.seeds)]
     rows = run_all(todo, pythons, arguments.runs, arguments.jobs)
-    tried, rows = rows[: len(TRIALS)], rows[len(TRIALS) :]
+    trials, rows = rows[: len(tried)], rows[len(tried) :]
     compacted = [compact(row) for row in rows]
     rules = baselines(Settings())
     document = record(
         {"settings": asdict(Settings()), "jobs": arguments.jobs, "seeds": arguments.seeds},
-        arms={arm.name: arm_record(arm, row) for arm, row in zip(ARMS, rows, strict=False)},
+        arms={arm.name: arm_record(arm, rows) for arm in ARMS},
         baselines=rules,
         comparison=compare(compacted, rules["random"]),
         trials=[
             {"changes": dict(arm.changes)} | compact(row)
-            for arm, row in zip(TRIALS, tried, strict=True)
+            for (arm, _), row in zip(tried, trials, strict=True)
         ],
         runs=compacted,
     )

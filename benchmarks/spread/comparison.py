@@ -25,7 +25,7 @@ worth."""
 
 def compare(rows: Sequence[Mapping[str, Any]], random_return: float) -> dict[str, Any]:
     """Every arm's final return over seeds, and the pairs."""
-    finals: dict[str, list[float]] = {}
+    finals: dict[str, list[float | None]] = {}
     for row in rows:
         finals.setdefault(row["arm"], []).append(row["final_return"])
     return {
@@ -40,16 +40,22 @@ def compare(rows: Sequence[Mapping[str, Any]], random_return: float) -> dict[str
 
 
 def compare_arms(
-    compared: Sequence[float], reference: Sequence[float], random_return: float
+    compared: Sequence[float | None], reference: Sequence[float | None], random_return: float
 ) -> dict[str, Any]:
     """Difference of two arms whose seeds have nothing in common but their numbers.
 
+    Failed runs, None, are left out here; the description of their arm counts them.
+
     Returns:
-        "seeds" of either; "difference" of the means, compared − reference, with its 95 % interval
-        and "p_value" by Welch's t; "margin"; "equivalence_p", the greater of two one-sided Welch
-        tests against it; "probability_of_improvement"; "verdict", none with too few seeds.
+        "seeds" of either that did not fail; "difference" of the means, compared − reference, with
+        its 95 % interval and "p_value" by Welch's t; "margin"; "equivalence_p", the greater of two
+        one-sided Welch tests against it; "probability_of_improvement"; "verdict", none with too
+        few seeds.
     """
-    one, other = np.array(compared), np.array(reference)
+    one, other = (
+        np.array([value for value in values if value is not None])
+        for values in (compared, reference)
+    )
     margin = MARGIN * (float(other.mean()) - random_return)
     welch = ttest_ind(one, other, equal_var=False)
     one_sided = (

@@ -50,6 +50,12 @@ class Settings:
     curve_episodes: int = 32
     final_episodes: int = 256
 
+    @property
+    def curve_frames(self) -> list[int]:
+        """Where the curve's points are, or the first chances to judge after that."""
+        distance = self.frames // self.curve_points
+        return [distance * (point + 1) for point in range(self.curve_points)]
+
 
 def make_spread() -> ParallelEnv[str, Any, Any]:
     """simple_spread_v3 with three agents, continuous actions and episodes of 25 steps."""
@@ -92,8 +98,8 @@ class Progress:
 
     def due(self, frames: int) -> bool:
         """Whether the next point of the curve is reached."""
-        distance = self.settings.frames // self.settings.curve_points
-        return frames >= (len(self.curve) + 1) * distance
+        points = len(self.curve)
+        return points < self.settings.curve_points and frames >= self.settings.curve_frames[points]
 
     def judge(self, frames: int, policy: Policy) -> None:
         """Add a point to the curve."""

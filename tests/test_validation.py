@@ -1,0 +1,293 @@
+"""The comparison with public learners: its task, its judging, its runs and its statistics."""
+
+import json
+import math
+import stat
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpe2 import simple_spread_v3
+from scipy.stats import t
+
+from benchmarks import validation
+from benchmarks.spread import rules, task
+from benchmarks.spread.comparison import PAIRS, compare, compare_arms
+from benchmarks.spread.orchid_learners import LocalState, learn, make_learner
+from benchmarks.spread.task import Progress, Settings
+from benchmarks.spread.train import changed
+from benchmarks.validation import Arm, compact, jobs, run
+from orchid_uav.envs import make_supersuit_vec_env
+from tests.test_architecture import imports_of
+
+TINY = Settings(
+    frames=100,
+    worlds=2,
+    frames_per_iteration=50,
+    minibatch_frames=10,
+    batch_frames=10,
+    updates_per_iteration=2,
+    epochs=1,
+    hidden_sizes=(8,),
+    curve_points=2,
+    curve_episodes=1,
+    final_episodes=2,
+)
+
+
+class TestTask:
+    def test_a_return_is_the_mean_over_agents_of_what_they_were_rewarded(self):
+        def act(observations: np.ndarray) -> np.ndarray:
+            return np.tile(np.float32([0.0, 0.2, 0.9, 0.1, 0.4]), (3, 1))
+
+        env = simple_spread_v3.parallel_env(
+            N=3, local_ratio=0.5, max_cycles=25, continuous_actions=True
+        )
+        env.reset(seed=5)
+        total = 0.0
+        for _ in range(25):
+            _, rewards, *_ = env.step({agent: act(None)[0] for agent in env.agents})
+            total += sum(rewards.values())
+        assert not env.agents
+        assert task.returns(act, range(5, 6)) == pytest.approx([total / 3])
+
+    def test_where_no_force_acts_nobody_moves(self):
+        env = task.make_spread()
+        before, _ = env.reset(seed=0)
+        action = rules.no_force()(None)[0].astype(np.float32)
+        after, *_ = env.step(dict.fromkeys(env.agents, action))
+        for agent in env.agents:
+            np.testing.assert_array_equal(after[agent], before[agent])
+
+    def test_who_flies_to_the_assigned_landmark_gets_there(self):
+        env = task.make_spread()
+        observations, _ = env.reset(seed=3)
+        act = rules.assigned_landmarks()
+        while env.agents:
+            agents = env.possible_agents
+            actions = act(np.stack([observations[agent] for agent in agents]))
+            observations, *_ = env.step(
+                {agent: actions[index].astype(np.float32) for index, agent in enumerate(agents)}
+            )
+        distances = [
+            np.linalg.norm(observations[agent][4:10].reshape(3, 2), axis=1) for agent in agents
+        ]
+        assert all(distances[index].min() < 0.1 for index in range(3))
+        assert {int(own.argmin()) for own in distances} == {0, 1, 2}
+
+    def test_actions_beyond_the_space_are_clipped_before_the_environment_sees_them(self, caplog):
+        beyond = task.returns(lambda _: np.full((3, 5), 7.0), range(2))
+        at_the_end = task.returns(lambda _: np.ones((3, 5)), range(2))
+        assert beyond == at_the_end
+        assert not caplog.records
+
+    def test_changes_keep_their_kind(self):
+        settings = changed(Settings(), ["frames=50", "learning_rate=1"])
+        assert (settings.frames, settings.learning_rate) == (50, 1.0)
+        assert isinstance(settings.learning_rate, float)
+
+
+class TestProgress:
+    def test_points_come_at_equal_distances_and_judging_does_not_count(self, monkeypatch):
+        clock = [0.0]
+        monkeypatch.setattr(task.time, "perf_counter", lambda: clock[0])
+
+        def judging(policy: object, seeds: range) -> list[float]:
+            clock[0] += 100.0
+            return [1.0, 3.0]
+
+        monkeypatch.setattr(task, "returns", judging)
+        progress = Progress(Settings(frames=100, curve_points=4), _begun_s=0.0)
+        judged_at = []
+        for frames in range(0, 101, 10):
+            clock[0] += 1.0
+            if progress.due(frames):
+                judged_at.append(frames)
+                progress.judge(frames, rules.no_force())
+        assert judged_at == [30, 50, 80, 100]
+        assert progress.curve == [(frames, 2.0) for frames in judged_at]
+        assert progress.training_s == 11.0
+
+
+class TestOurLearners:
+    @pytest.mark.parametrize("method", ["mappo", "maddpg", "ippo"])
+    def test_a_seed_gives_the_same_policy_again_and_all_frames_are_used(self, method):
+        observations = np.random.default_rng(0).standard_normal((3, 18)).astype(np.float32)
+        learned = [learn(method, seed, TINY) for seed in (1, 1, 2)]
+        actions = [one.policy(observations) for one in learned]
+        np.testing.assert_array_equal(actions[0], actions[1])
+        assert not np.array_equal(actions[0], actions[2])
+        assert [frames for frames, _ in learned[0].progress.curve] == [50, 100]
+        assert all(((one >= 0.0) & (one <= 1.0)).all() for one in actions)
+
+    def test_independent_ppo_values_what_the_agent_itself_observes(self):
+        env = LocalState(make_supersuit_vec_env(task.make_spread, worlds=2, seed=0))
+        observation = env.reset()
+        assert env.get_attr("agents_per_world") == [1] * 6
+        for _ in range(25):
+            np.testing.assert_array_equal(observation["state"], observation["observation"])
+            observation, _, dones, infos = env.step(np.full((6, 5), 0.5, np.float32))
+        assert dones.all()
+        for info in infos:
+            last = info["terminal_observation"]
+            np.testing.assert_array_equal(last["state"], last["observation"])
+        model = make_learner("ippo", 0, TINY)
+        assert model.agents_per_world == 1
+        assert model.policy.critic[0].in_features == task.OBSERVATION
+        assert make_learner("mappo", 0, TINY).policy.critic[0].in_features == task.STATE
+
+    def test_as_many_updates_as_the_settings_say(self):
+        model = make_learner("maddpg", 0, TINY)
+        model.learn(TINY.frames * 3)
+        assert model._n_updates == 2 * TINY.updates_per_iteration
+        model = make_learner("mappo", 0, TINY)
+        model.learn(TINY.frames * 3)
+        steps = model.policy.optimizer.state[model.policy.log_std]["step"]
+        assert int(steps) == 2 * TINY.epochs * 5
+
+
+def test_what_a_public_librarys_environment_imports_does_not_need_ours():
+    folder = Path(task.__file__).parent
+    for name in ("task", "train", "benchmarl_learners", "benchmarl_worlds", "agilerl_learners"):
+        modules = imports_of(folder / f"{name}.py")
+        assert not {module for module in modules if module.startswith("orchid_uav")}, name
+
+
+class TestComparison:
+    ONE = [-17.2, -17.9, -16.8, -17.4, -18.1, -17.0, -17.6, -17.3, -16.9, -17.5]
+    OTHER = [-17.5, -17.1, -17.8, -16.9, -17.7, -18.4, -17.2, -17.0, -17.6, -17.3]
+
+    def test_welch_by_hand(self):
+        found = compare_arms(self.ONE, self.OTHER, random_return=-24.7)
+        means = [sum(values) / 10 for values in (self.ONE, self.OTHER)]
+        errors = [
+            sum((value - mean) ** 2 for value in values) / 9 / 10
+            for values, mean in zip((self.ONE, self.OTHER), means, strict=True)
+        ]
+        error = math.sqrt(sum(errors))
+        freedom = sum(errors) ** 2 / sum(one**2 / 9 for one in errors)
+        difference = means[0] - means[1]
+        margin = 0.05 * (means[1] + 24.7)
+        reach = t.ppf(0.975, freedom) * error
+        assert found["difference"] == pytest.approx(difference)
+        assert found["ci95"] == pytest.approx([difference - reach, difference + reach])
+        assert found["p_value"] == pytest.approx(2 * t.sf(abs(difference) / error, freedom))
+        assert found["margin"] == pytest.approx(margin)
+        expected = t.sf((margin - abs(difference)) / error, freedom)
+        assert found["equivalence_p"] == pytest.approx(expected)
+
+    @pytest.mark.parametrize(
+        ("shift", "spread", "verdict"),
+        [
+            (0.0, 0.1, "equivalent"),
+            (-0.2, 0.1, "equivalent"),  # lower for sure, but by less than matters
+            (-1.0, 0.1, "lower"),
+            (1.0, 0.1, "higher"),
+            (-0.1, 5.0, "undecided"),
+        ],
+    )
+    def test_verdicts(self, shift, spread, verdict):
+        reference = [-17.0 + spread * (value + 17.35) for value in self.ONE]
+        compared = [value + shift for value in reference]
+        found = compare_arms(compared, reference, random_return=-24.7)
+        assert found["verdict"] == verdict
+
+    def test_five_seeds_give_no_verdict(self):
+        found = compare_arms(self.ONE[:5], self.OTHER, random_return=-24.7)
+        assert found["verdict"] is None
+        assert found["seeds"] == [5, 10]
+
+    def test_arms_and_pairs_of_rows(self):
+        rows = [
+            {"arm": arm, "final_return": value}
+            for arm, values in (("orchid mappo", self.ONE), ("benchmarl mappo", self.OTHER))
+            for value in values
+        ]
+        found = compare(rows, random_return=-24.7)
+        middle = sorted(self.ONE)[2:8]
+        assert found["arms"]["orchid mappo"]["iqm"] == pytest.approx(sum(middle) / 6)
+        (pair,) = found["pairs"]
+        assert (pair["compared"], pair["reference"]) == ("orchid mappo", "benchmarl mappo")
+
+
+STAND_IN = """#!{python}
+import json, sys
+if "{fails}" in sys.argv:
+    sys.exit("DivergedError: no such luck")
+out = sys.argv[sys.argv.index("--out") + 1]
+with open(out + ".calls", "a") as calls:
+    calls.write("x")
+with open(out, "w") as file:
+    json.dump({{"argv": sys.argv[1:]}}, file)
+"""
+
+
+class TestRuns:
+    @pytest.fixture
+    def pythons(self, tmp_path):
+        path = tmp_path / "python"
+        path.write_text(STAND_IN.format(python=sys.executable, fails="maddpg"))
+        path.chmod(path.stat().st_mode | stat.S_IXUSR)
+        return {"orchid": str(path)}
+
+    def test_a_run_that_is_there_is_not_done_again(self, tmp_path, pythons):
+        arm = Arm("orchid", "mappo", {"frames": 10, "learning_rate": 0.5})
+        row = run(arm, 3, pythons, tmp_path)
+        assert row == run(arm, 3, pythons, tmp_path)
+        assert row["argv"][:2] == ["-m", "benchmarks.spread.train"]
+        settings = changed(Settings(), [row["argv"][i + 1] for i in (-4, -2)])
+        assert (settings.frames, settings.learning_rate) == (10, 0.5)
+        (calls,) = tmp_path.glob("*.calls")
+        assert calls.read_text() == "x"
+
+    def test_a_run_that_fails_is_told_with_its_reason_and_tried_again(self, tmp_path, pythons):
+        arm = Arm("orchid", "maddpg")
+        row = run(arm, 0, pythons, tmp_path)
+        assert row["failed"] == "DivergedError: no such luck"
+        assert run(arm, 0, pythons, tmp_path) == row
+        assert not list(tmp_path.glob("*.json"))
+        assert compact(row) == {
+            "arm": "orchid maddpg",
+            "seed": 0,
+            "final_return": None,
+            "failed": "DivergedError: no such luck",
+        }
+
+    def test_failed_runs_are_counted_not_imputed(self):
+        values = [*TestComparison.ONE, None]
+        rows = [{"arm": "orchid mappo", "final_return": value} for value in values]
+        rows += [{"arm": "benchmarl mappo", "final_return": value} for value in values[:10]]
+        found = compare(rows, random_return=-24.7)
+        assert found["arms"]["orchid mappo"]["failed"] == 1
+        (pair,) = found["pairs"]
+        assert pair["seeds"] == [10, 10]
+        assert pair["difference"] == 0.0
+
+    def test_arms_that_differ_have_files_that_differ(self):
+        every = [*validation.ARMS, *validation.TRIALS]
+        assert len({arm.file(0) for arm in every}) == len(every)
+
+    def test_learners_take_turns_seed_by_seed(self):
+        few, many = Arm("orchid", "ippo", seeds=1), Arm("orchid", "mappo", seeds=3)
+        assert list(jobs((few, many), 2)) == [(few, 0), (many, 0), (many, 1)]
+
+    def test_pairs_use_the_same_number_of_frames(self):
+        frames = {arm.name: arm.changes["frames"] for arm in validation.ARMS}
+        for one, other in PAIRS:
+            assert frames[one] == frames[other]
+
+
+def test_the_committed_rows_are_those_of_the_comparison():
+    path = validation.RESULTS / "validation.json"
+    document = json.loads(path.read_text())
+    rows = document["runs"]
+    assert [(row["arm"], row["seed"]) for row in rows] == [
+        (arm.name, seed) for arm, seed in jobs(validation.ARMS, validation.SEEDS)
+    ]
+    again = compare(rows, document["baselines"]["random"])
+    for arm, described in again["arms"].items():
+        assert described["iqm"] == pytest.approx(document["comparison"]["arms"][arm]["iqm"])
+    for pair, committed in zip(again["pairs"], document["comparison"]["pairs"], strict=True):
+        assert pair["verdict"] == committed["verdict"]
+        assert pair["difference"] == pytest.approx(committed["difference"], abs=1e-4)
