@@ -17,6 +17,7 @@ INTRODUCTION = """\
 `make docs-data`. Everything runs on one core. Absolute figures belong to the machine
 named. Ratios were taken side by side within one run, but they too depend on the processor: NumPy
 computes exponentials and logarithms with vector instructions, compiled code one by one.
+Training beside BenchMARL's is [elsewhere](validation.md#speed-of-training).
 """
 
 SIMULATOR_TEXT = """\

@@ -13,6 +13,7 @@ from pydantic.fields import FieldInfo
 
 from docs.ablations import ABLATION_BLOCKS, draw_ablations
 from docs.studies import BLOCKS, draw_studies, record_sources
+from docs.validations import VALIDATION_BLOCKS, draw_validation
 from orchid_uav.experiments.configuration import RunConfig, unit_of
 
 ROOT = Path(__file__).parent.parent
@@ -94,7 +95,7 @@ def pages() -> dict[Path, str]:
         ROOT / "docs" / "configuration.md": configuration_page(),
         ROOT / "docs" / "performance.md": render(),
     }
-    for name, (path, content) in {**BLOCKS, **ABLATION_BLOCKS}.items():
+    for name, (path, content) in {**BLOCKS, **ABLATION_BLOCKS, **VALIDATION_BLOCKS}.items():
         text = texts.get(path) or path.read_text(encoding="utf-8")
         texts[path] = replace_block(text, name, content())
     return texts
@@ -105,7 +106,7 @@ def main() -> None:
     for path, text in pages().items():
         path.write_text(text, encoding="utf-8")
         print(f"wrote {path.relative_to(ROOT)}")
-    for path in [*draw_studies(), *draw_ablations(), record_sources()]:
+    for path in [*draw_studies(), *draw_ablations(), *draw_validation(), record_sources()]:
         print(f"wrote {path.relative_to(ROOT)}")
 
 

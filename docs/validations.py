@@ -1,0 +1,288 @@
+"""Blocks of the documentation about public implementations, from the committed results."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from statistics import fmean, stdev
+from typing import Any
+
+from benchmarks.spread.comparison import MARGIN
+from docs.studies import FIGURES, ROOT, read, table
+
+NAME, SPEED = "validation", "training_speed"
+CURVES = FIGURES / f"{NAME}.png"
+TITLES = {
+    "orchid mappo": "`MAPPO`",
+    "benchmarl mappo": "BenchMARL MAPPO",
+    "benchmarl mappo-gaussian": "BenchMARL MAPPO, our Gaussian",
+    "benchmarl mappo-stock": "BenchMARL MAPPO, TorchRL's wrapper",
+    "orchid ippo": "independent PPO (ours)",
+    "orchid maddpg": "`MADDPG`",
+    "benchmarl maddpg": "BenchMARL MADDPG",
+    "agilerl maddpg": "AgileRL MADDPG",
+}
+RULES = {
+    "random": "random actions",
+    "no force": "no force",
+    "assigned landmarks": "flying to assigned landmarks",
+}
+PANELS = {
+    "PPO": ("orchid mappo", "benchmarl mappo", "benchmarl mappo-gaussian", "orchid ippo"),
+    "MADDPG": ("orchid maddpg", "benchmarl maddpg", "agilerl maddpg"),
+}
+_LOOKS = {
+    "orchid mappo": ("#0072B2", "-"),
+    "orchid maddpg": ("#0072B2", "-"),
+    "benchmarl mappo": ("#D55E00", "--"),
+    "benchmarl maddpg": ("#D55E00", "--"),
+    "benchmarl mappo-gaussian": ("#009E73", "-."),
+    "agilerl maddpg": ("#009E73", "-."),
+    "orchid ippo": ("#666666", ":"),
+}
+_LATE = 5
+"""A curve's last so many points are compared with as many before them."""
+Row = Mapping[str, Any]
+
+
+def final_block() -> str:
+    """What every learner reached."""
+    document = read(NAME)
+    rows = []
+    for arm, described in document["comparison"]["arms"].items():
+        runs = _finished(document, arm)
+        frames = document["arms"][arm]["changes"]["frames"]
+        seconds = sorted(run["training_s"] for run in runs)
+        rows.append(
+            [
+                TITLES[arm],
+                _seeds(described),
+                _with_interval(described["iqm"], described["ci95"]),
+                f"{described['mean']:.2f} ± {described['std']:.2f}",
+                f"{frames:,}",
+                _change(runs),
+                f"{fmean(seconds):.0f}",
+                f"{seconds[0]:.0f} … {seconds[-1]:.0f}",
+            ]
+        )
+    for rule, value in document["baselines"].items():
+        rows.append([RULES[rule], "–", f"{value:.2f}", "–", "–", "–", "–", "–"])
+    header = (
+        *("learner", "seeds", "final return, IQM [95 %]", "mean ± std", "frames", "late change"),
+        *("training, s", "least … greatest"),
+    )
+    return "\n\n".join([table(header, rows), _source(document)])
+
+
+def pairs_block() -> str:
+    """Which learners are the same, and which are not."""
+    rows = []
+    for pair in read(NAME)["comparison"]["pairs"]:
+        low, high = pair["ci95"]
+        rows.append(
+            [
+                f"{TITLES[pair['compared']]} − {TITLES[pair['reference']]}",
+                " and ".join(map(str, pair["seeds"])),
+                f"{_signed(pair['difference'])} [{_signed(low)}, {_signed(high)}]",
+                f"±{pair['margin']:.2f}",
+                f"{pair['equivalence_p']:.3f}",
+                f"{pair['p_value']:.3f}",
+                pair["verdict"] or "too few seeds for one",
+            ]
+        )
+    header = (
+        *("difference of", "seeds", "difference [95 %]", "margin", "p (equivalence)"),
+        *("p (difference)", "verdict"),
+    )
+    return table(header, rows)
+
+
+def curves_block() -> str:
+    """The figure."""
+    episodes = read(NAME)["settings"]["settings"]["curve_episodes"]
+    return (
+        f"![Learning curves on simple_spread](figures/{CURVES.name})\n\n"
+        "Interquartile mean of the seeds, with 95 % bootstrap bands over seeds, of deterministic "
+        f"policies on the\nsame {episodes} episodes at every point."
+    )
+
+
+def trials_block() -> str:
+    """What was tried on the public code before the settings were chosen."""
+    rows = []
+    for trial in read(NAME)["trials"]:
+        changes = ", ".join(f"{name} {value:g}" for name, value in trial["changes"].items())
+        value = trial["final_return"]
+        reached = f"{value:.2f}" if value is not None else f"failed: {trial['failed']}"
+        rows.append([TITLES[trial["arm"]], changes, str(trial["seed"]), reached])
+    return table(["learner", "settings", "seed", "final return"], rows, words=2)
+
+
+def speed_block() -> str:
+    """Frames per second."""
+    document = read(SPEED)
+    speeds, ratios = document["frames_per_second"], document["ratios"]
+    fleet = [
+        [f"`{name}`" if name.startswith("orchid") else name, f"{speeds[name]:,}", *_spread(case)]
+        for name, case in document["seconds"].items()
+    ]
+    fleet.append(
+        [
+            "BenchMARL MAPPO / `orchid train`",
+            f"**{ratios['BenchMARL MAPPO / orchid train']:.2f}**",
+            "",
+            "",
+        ]
+    )
+    spread = [
+        [TITLES[name], f"{speeds[name]:,}", *_spread(case)]
+        for name, case in document["spread_seconds"].items()
+    ]
+    spread += [
+        [_over(name), f"{ratios[f'{name} / orchid mappo']:.2f}", "", ""]
+        for name in list(document["spread_seconds"])[1:]
+    ]
+    settings, spent = document["settings"], document["benchmarl_spent_s"]
+    header = ("frames/s", "seconds", "least … greatest")
+    return "\n\n".join(
+        [
+            table([f"the paper's network, {settings['episodes']} episodes", *header], fleet),
+            f"BenchMARL spends {spent['collecting_s']:.1f} s on flying and "
+            f"{spent['learning_s']:.1f} s on gradient steps.",
+            table([f"simple_spread, {settings['spread_frames']:,} frames", *header], spread),
+            f"Medians of {settings['repetitions']} repetitions in turns. {_source(document)}",
+        ]
+    )
+
+
+def summary_block() -> str:
+    """The verdicts in words."""
+    document = read(NAME)
+    pairs = document["comparison"]["pairs"]
+    lines = []
+    for pair in pairs[:4]:
+        words = {
+            "equivalent": "equivalent within the margin",
+            "higher": "**higher**",
+            "lower": "**lower**",
+            "undecided": "neither shown equivalent nor different",
+            None: "no verdict, there are too few seeds",
+        }[pair["verdict"]]
+        lines.append(
+            f"* {TITLES[pair['compared']]} beside {TITLES[pair['reference']]}: {words} "
+            f"({_signed(pair['difference'])}, margin ±{pair['margin']:.2f})."
+        )
+    speed = read(SPEED)["ratios"]["BenchMARL MAPPO / orchid train"]
+    lines.append(
+        f"* On this project's environment `orchid train` takes 1/{speed:.1f} of the time of "
+        "BenchMARL's MAPPO for the same\n  frames, batch and epochs."
+    )
+    return "\n".join(lines)
+
+
+def margin_block() -> str:
+    """What the test of equivalence asks."""
+    settings = read(NAME)["settings"]["settings"]
+    return (
+        f"Margin: {MARGIN:.0%} of what the reference gains over random actions, set before the "
+        "runs. Difference and\nintervals by Welch's t, equivalence by two one-sided Welch tests. "
+        f"Final returns are means over the same\n{settings['final_episodes']} episodes for every "
+        "policy, none of which a learner has seen."
+    )
+
+
+def _finished(document: Row, arm: str) -> list[Row]:
+    return [run for run in document["runs"] if run["arm"] == arm and "failed" not in run]
+
+
+def _seeds(described: Row) -> str:
+    failed = described["failed"]
+    return f"{described['n']} ({failed} failed)" if failed else str(described["n"])
+
+
+def _change(runs: Sequence[Row]) -> str:
+    """How much the curves still rise in their last quarter."""
+    changes = [
+        fmean(run["curve"][-_LATE:]) - fmean(run["curve"][-2 * _LATE : -_LATE]) for run in runs
+    ]
+    return f"{_signed(fmean(changes))} ± {stdev(changes):.2f}"
+
+
+def _with_interval(value: float, ends: Sequence[float] | None) -> str:
+    return f"{value:.2f} [{ends[0]:.2f}, {ends[1]:.2f}]" if ends else f"{value:.2f}"
+
+
+def _over(arm: str) -> str:
+    return f"{TITLES[arm]} / {TITLES['orchid mappo']}"
+
+
+def _signed(value: float) -> str:
+    return f"{value:+.2f}".replace("-", "−")
+
+
+def _spread(case: Row) -> list[str]:
+    values = case["repetitions"]
+    return [f"{case['median']:.2f}", f"{min(values):.2f} … {max(values):.2f}"]
+
+
+def _source(document: Row) -> str:
+    return (
+        f"{document['date']}, {document['host']['processor']}, {document['host']['cores']} cores, "
+        f"`{document['command']}`."
+    )
+
+
+def draw_validation() -> list[Path]:
+    """The learning curves, from the committed points of them."""
+    from matplotlib.figure import Figure
+
+    from orchid_uav.experiments.curves import group_curve
+
+    document = read(NAME)
+    figure = Figure((9.5, 4.2), layout="constrained")
+    for axes, (title, arms) in zip(figure.subplots(1, 2), PANELS.items(), strict=True):
+        for arm in arms:
+            frames = document["arms"][arm]["frames"]
+            runs = [
+                [
+                    {"episode": frame, "return": value}
+                    for frame, value in zip(frames, run["curve"], strict=True)
+                ]
+                for run in _finished(document, arm)
+            ]
+            curve = group_curve(runs, "return", window=1)
+            colour, line = _LOOKS[arm]
+            thousands = curve.episodes / 1000
+            label = f"{TITLES[arm].replace('`', '')} ({len(runs)} seeds)"
+            axes.plot(thousands, curve.values, color=colour, linestyle=line, label=label)
+            if curve.band is not None:
+                axes.fill_between(thousands, *curve.band, color=colour, alpha=0.18, lw=0)
+        axes.axhline(document["baselines"]["random"], color="#999999", lw=0.8)
+        axes.annotate(
+            "random actions",
+            (1.0, document["baselines"]["random"]),
+            xycoords=("axes fraction", "data"),
+            textcoords="offset points",
+            xytext=(-3, 3),
+            ha="right",
+            fontsize=8,
+            color="#777777",
+        )
+        axes.set_title(title, fontsize=10)
+        axes.set_xlabel("frames (thousands)")
+        axes.grid(alpha=0.3)
+        axes.legend(fontsize=8, loc="lower right", bbox_to_anchor=(1.0, 0.06))
+    figure.axes[0].set_ylabel("return, mean over agents")
+    figure.savefig(CURVES, dpi=130)
+    return [CURVES]
+
+
+_PAGE = ROOT / "docs" / "validation.md"
+VALIDATION_BLOCKS = {
+    "validation summary": (_PAGE, summary_block),
+    "final returns": (_PAGE, final_block),
+    "margin": (_PAGE, margin_block),
+    "pairs": (_PAGE, pairs_block),
+    "validation curves": (_PAGE, curves_block),
+    "trials": (_PAGE, trials_block),
+    "training speed": (_PAGE, speed_block),
+}
+"""Page and content of every block, by the name in its markers."""
