@@ -173,6 +173,27 @@ MUTANTS = [
         "test_maddpg_update.py",
     ),
     Mutant(
+        "the last state's value not discounted",
+        "agents/mappo.py",
+        "buffer.rewards[step, row] += self.gamma * value",
+        "buffer.rewards[step, row] += value",
+        "test_public_batch.py",
+    ),
+    Mutant(
+        "ratios clipped from above alone",
+        "agents/mappo.py",
+        "ratio.clamp(1.0 - clip_range, 1.0 + clip_range)",
+        "ratio.clamp(max=1.0 + clip_range)",
+        "test_public_batch.py",
+    ),
+    Mutant(
+        "a value of what follows an end",
+        "agents/maddpg.py",
+        "self.gamma * (1.0 - batch.terminated) * following",
+        "self.gamma * following",
+        "test_public_batch.py",
+    ),
+    Mutant(
         "a replay that runs on into the next episode",
         "agents/maddpg.py",
         "following[key][row] = last",
