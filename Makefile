@@ -1,4 +1,5 @@
-# Everything happens in .venv with the pinned set of constraints.txt.
+# Everything happens in .venv with the pinned set of constraints.txt; public implementations have
+# environments of their own.
 # The package is installed editable and strict: type checkers see it and edits are live, but a new
 # or removed file needs a re-install, hence the list of files that .venv/.linked is made from.
 
@@ -8,7 +9,7 @@ ROOMS := src envs agents callbacks experiments orchid_cli
 JOBS ?= 2
 
 .DEFAULT_GOAL := help
-.PHONY: help install train test lint bench docs docs-data mutants reference studies ablation public validation clean FORCE
+.PHONY: help install train test lint bench docs docs-data mutants reference studies ablation public validation fixed-batch clean FORCE
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -47,9 +48,11 @@ ablation: install  ## ten seeds with and without Reset-and-Finetune, compared; a
 
 public: .venv-benchmarl/.installed .venv-agilerl/.installed  ## build the environments of public implementations
 
-validation: public  ## our learners beside public ones, ten seeds; about two hours, then their speed
+validation: install public  ## our learners beside public ones, ten seeds; about two hours, then their speed
 	$(BIN)/python -m benchmarks.validation
 	$(BIN)/python -m benchmarks.training_speed --json benchmarks/results/training_speed.json
+
+fixed-batch: install public  ## BenchMARL's numbers that tests compare with, into tests/data
 	.venv-benchmarl/bin/python -m benchmarks.spread.fixed_batch tests/data/benchmarl_batch.json
 
 docs-data: install  ## numbers and figures of the documentation, from benchmarks/results
@@ -74,17 +77,16 @@ clean:  ## remove everything that was built; runs stay
 
 # On top of .venv, so that torch, MPE2 and this package are the same on both sides.
 .venv-benchmarl/.installed: benchmarks/requirements/benchmarl.txt .venv/.installed
-	$(PYTHON) -m venv .venv-benchmarl
+	$(BIN)/python -m venv .venv-benchmarl
 	below=$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') && \
 	own=$$(.venv-benchmarl/bin/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') && \
 	echo "import site; site.addsitedir('$$below')" > "$$own/orchid.pth"
 	.venv-benchmarl/bin/python -m pip install --quiet --no-deps --requirement $<
 	@touch $@
 
-.venv-agilerl/.installed: benchmarks/requirements/agilerl.txt constraints.txt
+.venv-agilerl/.installed: benchmarks/requirements/agilerl.txt
 	$(PYTHON) -m venv .venv-agilerl
-	.venv-agilerl/bin/python -m pip install --quiet --constraint constraints.txt torch
-	.venv-agilerl/bin/python -m pip install --quiet --requirement $<
+	.venv-agilerl/bin/python -m pip install --quiet --no-deps --requirement $<
 	@touch $@
 
 # Rewritten only when the list of files has changed.

@@ -1,1 +1,1 @@
-"""What the simulator and the learner cost, measured as ratios within one run."""
+"""What is measured rather than tested: speed as ratios within one run, studies, comparisons."""

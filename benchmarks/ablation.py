@@ -11,9 +11,8 @@ import sys
 import tempfile
 from pathlib import Path
 
-from benchmarks.studies import RESULTS, rounded
+from benchmarks.studies import RESULTS, write_result
 from orchid_uav.experiments.ablation_study import DOCUMENT_FILE
-from orchid_uav.experiments.files import write_atomically
 
 ABLATIONS: dict[str, tuple[str, ...]] = {
     "ablation_no_rf": ("--no-rf",),
@@ -34,11 +33,8 @@ def compact(name: str, directory: Path) -> None:
     if document["status"] != "completed":
         raise SystemExit(f"{directory} is {document['status']}")
     document["command"] = ["orchid", "ablate", *ABLATIONS[name]]
-    text = json.dumps(rounded(document), ensure_ascii=False, separators=(",", ":"))
-    # A run or a comparison a line, so that a change shows what has changed.
-    for key in ('{"variant":"', '{"method":"', '"energy_efficiency_bit_per_joule":{"n"'):
-        text = text.replace(key, f"\n{key}")
-    write_atomically(RESULTS / f"{name}.json", (text + "\n").encode())
+    beginnings = ('{"variant":"', '{"method":"', '"energy_efficiency_bit_per_joule":{"n"')
+    write_result(RESULTS / f"{name}.json", document, beginnings)
 
 
 def main() -> None:

@@ -22,14 +22,12 @@ from benchmarks.spread.benchmarl_learners import make_experiment
 from benchmarks.spread.task import Settings
 from orchid_uav.envs import parallel_env
 
-SLOTS, UAVS = 200, 6
-
 
 class FleetTask(PettingZooClass):
-    """This project's environment in TorchRL's wrapper."""
+    """This project's environment in TorchRL's wrapper; ``slots`` are those of an episode."""
 
-    def __init__(self) -> None:
-        super().__init__("SIMPLE_SPREAD", {"max_cycles": SLOTS})  # the name is not used
+    def __init__(self, slots: int) -> None:
+        super().__init__("SIMPLE_SPREAD", {"max_cycles": slots})  # the name tells what it can do
 
     def get_env_fun(
         self, num_envs: int, continuous_actions: bool, seed: int | None, device: Any
@@ -63,7 +61,10 @@ def train(settings: Settings, seed: int) -> dict[str, Any]:
     """Seconds of the loop, after imports and construction."""
     parts = _Parts()
     with tempfile.TemporaryDirectory() as directory:
-        experiment = make_experiment("mappo", seed, settings, FleetTask(), directory, (parts,))
+        task = FleetTask(settings.frames_per_iteration)
+        experiment = make_experiment(
+            "mappo", seed, settings, task, directory, (parts,), adam_extra_kwargs={"fused": True}
+        )
         begun_s = parts.last_s = time.perf_counter()
         experiment.run()
         seconds = time.perf_counter() - begun_s

@@ -17,6 +17,8 @@ from orchid_uav.experiments.files import write_json
 from orchid_uav.experiments.provenance import describe_host, describe_versions
 
 SCHEMA = 1
+ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+"""Environment of a process that is to keep to one core."""
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # malloc.h
 
 Case = Callable[[int], float]

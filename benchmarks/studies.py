@@ -9,11 +9,13 @@ import os
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import pyarrow.parquet as pq
 
+from benchmarks.measuring import ONE_THREAD
 from orchid_uav.experiments.evaluation import CEILING
 from orchid_uav.experiments.evaluation_files import EPISODES_FILE, SUMMARY_FILE
 from orchid_uav.experiments.files import write_atomically
@@ -57,7 +59,7 @@ STUDIES: dict[str, tuple[str, ...]] = {
 
 def run(name: str) -> None:
     """Fly a study and write its summary."""
-    environment = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    environment = os.environ | ONE_THREAD
     with tempfile.TemporaryDirectory() as directory:
         out = Path(directory) / "out"
         command = [sys.executable, "-m", "orchid_uav", "eval", *STUDIES[name], "--quiet"]
@@ -70,10 +72,15 @@ def run(name: str) -> None:
         document = json.loads((out / SUMMARY_FILE).read_text(encoding="utf-8"))
         document["planner_wins"] = planner_wins(pq.read_table(out / EPISODES_FILE).to_pylist())
     document["command"] = ["orchid", "eval", *STUDIES[name]]
+    write_result(RESULTS / f"{name}.json", document, ('{"method":"',))
+
+
+def write_result(path: Path, document: dict[str, Any], beginnings: Sequence[str]) -> None:
+    """A compact result, with a line for each of the ``beginnings``: a change shows what changed."""
     text = json.dumps(rounded(document), ensure_ascii=False, separators=(",", ":"))
-    # A result a line, so that a change shows what has changed.
-    text = text.replace('{"method":"', '\n{"method":"')
-    write_atomically(RESULTS / f"{name}.json", (text + "\n").encode())
+    for beginning in beginnings:
+        text = text.replace(beginning, f"\n{beginning}")
+    write_atomically(path, (text + "\n").encode())
 
 
 def planner_wins(rows: list[dict[str, Any]]) -> dict[str, float]:

@@ -6,8 +6,11 @@ nothing. Both fly one world, update after every episode of 200 slots for 4 epoch
 of the same layers. A minibatch is 128 samples of one UAV each here and 21 frames of six UAVs there:
 ten gradient steps an epoch on either side.
 
+There, BenchMARL has fused Adam like ours, which is not its default.
+
 On simple_spread the settings are those of ``benchmarks.validation``; "mappo-stock" is BenchMARL's
-in TorchRL's wrapper, "mappo" in the batch of worlds that the validation gives it.
+in TorchRL's wrapper, "mappo" in the batch of worlds that the validation gives it. Judging is
+outside the time taken.
 
 Everything is a process of its own with one thread; seconds begin after imports and construction,
 and the cases take turns.
@@ -23,11 +26,18 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from benchmarks.measuring import alternate, arguments_parser, ratio, record, report
-from benchmarks.validation import ONE_THREAD, PYTHONS, ROOT, Arm
+from benchmarks.measuring import (
+    ONE_THREAD,
+    alternate,
+    arguments_parser,
+    ratio,
+    record,
+    report,
+)
+from benchmarks.validation import ROOT, Arm, add_pythons, chosen_pythons
 from orchid_uav.experiments.configuration import RunConfig
 
-EPISODES, SPREAD_FRAMES = 30, 10_000
+EPISODES, SPREAD_FRAMES = 20, 12_500
 _PAPER = RunConfig()
 _PPO, _SLOTS = _PAPER.ppo, _PAPER.network.episode_slots
 FLEET_SETTINGS = {
@@ -44,7 +54,11 @@ FLEET_SETTINGS = {
     "max_grad_norm": _PPO.max_grad_norm,
 }
 """Of BenchMARL's run, as of ``benchmarks.spread.task.Settings``."""
-SPREAD_ARMS = [("orchid", "mappo"), ("benchmarl", "mappo"), ("benchmarl", "mappo-stock")]
+SPREAD_ARMS = {
+    "orchid mappo": ["benchmarl mappo", "benchmarl mappo-stock"],
+    "orchid maddpg": ["benchmarl maddpg", "agilerl maddpg"],
+}
+"""Ours, and what is set beside it."""
 
 
 def orchid_s(repetition: int) -> float:
@@ -56,7 +70,7 @@ def orchid_s(repetition: int) -> float:
 
 
 def benchmarl_s(python: str, parts: list[dict[str, Any]], repetition: int) -> float:
-    """Seconds of BenchMARL on the same environment, with what they were spent on added to parts."""
+    """Seconds of BenchMARL on the same environment; what they were spent on goes to ``parts``."""
     command = [python, "-m", "benchmarks.benchmarl_fleet", json.dumps(FLEET_SETTINGS)]
     parts.append(json.loads(_output([*command, str(repetition)]).splitlines()[-1]))
     return parts[-1]["seconds"]
@@ -80,9 +94,9 @@ def _output(command: list[str]) -> str:
 def main() -> None:
     """Measure and report."""
     parser = arguments_parser(__doc__.splitlines()[0], repetitions=5)
-    parser.add_argument("--benchmarl-python", default=str(ROOT / PYTHONS["benchmarl"]))
+    add_pythons(parser)
     options = parser.parse_args()
-    pythons = PYTHONS | {"benchmarl": options.benchmarl_python}
+    pythons = chosen_pythons(options)
     parts: list[dict[str, Any]] = []
     fleet = alternate(
         {
@@ -91,8 +105,9 @@ def main() -> None:
         },
         options.repetitions,
     )
-    judging = {"frames": SPREAD_FRAMES, "curve_points": 1, "final_episodes": 1}
-    arms = [Arm(library, method, judging) for library, method in SPREAD_ARMS]
+    judging = {"frames": SPREAD_FRAMES, "curve_points": 1, "curve_episodes": 1, "final_episodes": 1}
+    names = [name for own, others in SPREAD_ARMS.items() for name in (own, *others)]
+    arms = [Arm(*name.split(), judging) for name in names]
     spread = alternate(
         {arm.name: partial(spread_s, arm, pythons[arm.library]) for arm in arms},
         options.repetitions,
@@ -104,8 +119,9 @@ def main() -> None:
     ratios = {
         "BenchMARL MAPPO / orchid train": ratio(fleet, "BenchMARL MAPPO", "orchid train"),
         **{
-            f"{arm.name} / {arms[0].name}": ratio(spread, arm.name, arms[0].name)
-            for arm in arms[1:]
+            f"{other} / {own}": ratio(spread, other, own)
+            for own, others in SPREAD_ARMS.items()
+            for other in others
         },
     }
     speeds = {
@@ -127,6 +143,7 @@ def main() -> None:
         frames_per_second=speeds,
         ratios=ratios,
     )
+    document["command"] = "python -m benchmarks.training_speed"  # without this machine's paths
     rows = {name: f"{value} frames/s" for name, value in speeds.items()}
     rows |= {f"BenchMARL, {part}": f"{value:.2f} s" for part, value in spent.items()}
     rows |= {name: f"{value:.2f} x" for name, value in ratios.items()}

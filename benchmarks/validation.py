@@ -2,8 +2,8 @@
 
 Every run is a process of its own, with one thread, in the environment of its library; seed by seed
 the learners take turns, so that whatever disturbs the machine disturbs all of them. Runs that lie
-in ``--runs`` already are not done again; one that fails is counted as a failure, and tried again
-the next time. The rows and the comparison go to one JSON file.
+in ``--runs`` already are not done again if their settings are those asked for; one that fails is
+counted as a failure, and tried again the next time. Rows and comparison go to one JSON file.
 """
 
 import argparse
@@ -17,12 +17,11 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from benchmarks.measuring import record
+from benchmarks.measuring import ONE_THREAD, record
 from benchmarks.spread.comparison import compare
 from benchmarks.spread.rules import baselines
 from benchmarks.spread.task import Settings
-from benchmarks.studies import RESULTS, rounded
-from orchid_uav.experiments.files import write_atomically
+from benchmarks.studies import RESULTS, write_result
 
 ROOT = Path(__file__).parent.parent
 PYTHONS = {
@@ -30,7 +29,6 @@ PYTHONS = {
     "benchmarl": ".venv-benchmarl/bin/python",
     "agilerl": ".venv-agilerl/bin/python",
 }
-ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 _PPO = {"frames": 200_000, "learning_rate": 1e-3}
 _MADDPG = {"frames": 150_000, "learning_rate": 1e-3}
 SEEDS = 10
@@ -50,6 +48,11 @@ class Arm:
     def name(self) -> str:
         """As in results: "orchid mappo"."""
         return f"{self.library} {self.method}"
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """All settings, as JSON gives them back."""
+        return json.loads(json.dumps(asdict(Settings(**self.changes))))
 
     def command(self, pythons: Mapping[str, str], seed: int, out: Path) -> list[str]:
         """Trains one seed."""
@@ -77,7 +80,7 @@ ARMS = (
 _TRIED = {"frames": 100_000}
 TRIALS = (
     *(
-        Arm("benchmarl", "mappo", _TRIED | changes)
+        (Arm("benchmarl", "mappo", _TRIED | changes), TUNING_SEED)
         for changes in (
             {"learning_rate": 1e-3},
             {"learning_rate": 3e-3},
@@ -88,17 +91,24 @@ TRIALS = (
         )
     ),
     *(
-        Arm("benchmarl", "maddpg", _TRIED | changes)
+        (Arm("benchmarl", "maddpg", _TRIED | changes), TUNING_SEED)
         for changes in (
             {"learning_rate": 1e-3, "exploration_std": 0.1},
             {"learning_rate": 5e-4, "exploration_std": 0.1},
             {"learning_rate": 1e-3, "exploration_std": 0.2},
         )
     ),
+    *(
+        (Arm(library, method, {"frames": 250_000, "learning_rate": 3e-3}), 0)
+        for library, method in (
+            ("benchmarl", "mappo"),
+            ("benchmarl", "mappo-gaussian"),
+            ("orchid", "mappo"),
+        )
+    ),
 )
-"""What was tried before the settings were chosen: on the public code alone, with another seed."""
-DIVERGED = Arm("benchmarl", "mappo", {"frames": 250_000, "learning_rate": 3e-3}), 0
-"""Was to be compared first, and ended in actions that are no numbers."""
+"""What was tried before the settings were chosen, with seeds. The last three began the comparison,
+until BenchMARL's actions were no numbers any more: then all learners got the lower rate."""
 
 
 def jobs(arms: tuple[Arm, ...], seeds: int) -> Iterator[tuple[Arm, int]]:
@@ -112,25 +122,27 @@ def jobs(arms: tuple[Arm, ...], seeds: int) -> Iterator[tuple[Arm, int]]:
 def run(arm: Arm, seed: int, pythons: Mapping[str, str], directory: Path) -> dict[str, Any]:
     """The row of one run, trained unless it is there already; "failed" says why there is none."""
     path = directory / arm.file(seed)
-    if not path.exists():
-        log = path.with_suffix(".log")
-        with log.open("wb") as output:
-            outcome = subprocess.run(
-                arm.command(pythons, seed, path),
-                cwd=ROOT,
-                env=os.environ | ONE_THREAD,
-                stdout=output,
-                stderr=subprocess.STDOUT,
-                check=False,
-            )
-        print(f"{arm.name}, seed {seed}: {outcome.returncode or 'done'}", flush=True)
-        if outcome.returncode:
-            said = [
-                line for line in log.read_text(errors="replace").splitlines() if "Error" in line
-            ]
-            reason = said[-1].strip() if said else f"ended with {outcome.returncode}"
-            return {"library": arm.library, "method": arm.method, "seed": seed, "failed": reason}
-    return json.loads(path.read_text(encoding="utf-8"))
+    if path.exists():
+        row = json.loads(path.read_text(encoding="utf-8"))
+        if row["settings"] == arm.settings:
+            return row
+    log = path.with_suffix(".log")
+    with log.open("wb") as output:
+        outcome = subprocess.run(
+            arm.command(pythons, seed, path),
+            cwd=ROOT,
+            env=os.environ | ONE_THREAD,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            check=False,
+        )
+    print(f"{arm.name}, seed {seed}: {outcome.returncode or 'done'}", flush=True)
+    if outcome.returncode == 0:
+        return json.loads(path.read_text(encoding="utf-8"))
+    lines = log.read_text(encoding="utf-8", errors="replace").splitlines()
+    said = [line for line in lines if "Error" in line]
+    reason = said[-1].strip() if said else f"ended with {outcome.returncode}"
+    return {"library": arm.library, "method": arm.method, "seed": seed, "failed": reason}
 
 
 def run_all(
@@ -156,10 +168,35 @@ def compact(row: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def arm_record(arm: Arm, rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """What all runs of an arm have in common."""
-    one = next(row for row in rows if row["library"] == arm.library and "failed" not in row)
-    frames = Settings(**arm.changes).curve_frames
-    return {"changes": dict(arm.changes), "frames": frames, "versions": one["versions"]}
+    """What all runs of an arm have in common.
+
+    Raises:
+        SystemExit: they were trained with different versions, or all of them failed.
+    """
+    own = [row for row in rows if f"{row['library']} {row['method']}" == arm.name]
+    versions = {json.dumps(row["versions"]) for row in own if "failed" not in row}
+    if len(versions) != 1:
+        raise SystemExit(f"{arm.name}: trained with {len(versions)} sets of versions, not one")
+    return {
+        "changes": dict(arm.changes),
+        "frames": Settings(**arm.changes).curve_frames,
+        "versions": json.loads(versions.pop()),
+    }
+
+
+def add_pythons(parser: argparse.ArgumentParser) -> None:
+    """Options for environments of public libraries that lie elsewhere."""
+    for library in ("benchmarl", "agilerl"):
+        parser.add_argument(
+            f"--{library}-python", default=str(ROOT / PYTHONS[library]), metavar="FILE"
+        )
+
+
+def chosen_pythons(arguments: argparse.Namespace) -> dict[str, str]:
+    """Python of every library."""
+    return PYTHONS | {
+        library: getattr(arguments, f"{library}_python") for library in ("benchmarl", "agilerl")
+    }
 
 
 def main() -> None:
@@ -169,18 +206,12 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=SEEDS)
     parser.add_argument("--jobs", type=int, default=2, help="runs at a time, a core each")
     parser.add_argument("--json", type=Path, default=RESULTS / "validation.json")
-    for library in ("benchmarl", "agilerl"):
-        parser.add_argument(
-            f"--{library}-python", default=str(ROOT / PYTHONS[library]), metavar="FILE"
-        )
+    add_pythons(parser)
     arguments = parser.parse_args()
-    pythons = PYTHONS | {
-        library: getattr(arguments, f"{library}_python") for library in ("benchmarl", "agilerl")
-    }
-    tried = [*((trial, TUNING_SEED) for trial in TRIALS), DIVERGED]
-    todo = [*tried, *jobs(ARMS, arguments.seeds)]
+    pythons = chosen_pythons(arguments)
+    todo = [*jobs(ARMS, arguments.seeds), *TRIALS]
     rows = run_all(todo, pythons, arguments.runs, arguments.jobs)
-    trials, rows = rows[: len(tried)], rows[len(tried) :]
+    rows, trials = rows[: -len(TRIALS)], rows[-len(TRIALS) :]
     compacted = [compact(row) for row in rows]
     rules = baselines(Settings())
     document = record(
@@ -190,14 +221,14 @@ def main() -> None:
         comparison=compare(compacted, rules["random"]),
         trials=[
             {"changes": dict(arm.changes)} | compact(row)
-            for (arm, _), row in zip(tried, trials, strict=True)
+            for (arm, _), row in zip(TRIALS, trials, strict=True)
         ],
         runs=compacted,
     )
-    text = json.dumps(rounded(document), ensure_ascii=False, separators=(",", ":"))
-    for key in ('{"arm":"', '{"changes":', '"arms":', '"comparison":', '"baselines":'):
-        text = text.replace(key, f"\n{key}")
-    write_atomically(arguments.json, (text + "\n").encode())
+    # Where the runs lie, and with which Python they were made, is nobody's business.
+    document["command"] = "python -m benchmarks.validation"
+    beginnings = ('{"arm":"', '{"changes":', '"arms":', '"baselines":', '"comparison":', '"pairs')
+    write_result(arguments.json, document, beginnings)
 
 
 if __name__ == "__main__":

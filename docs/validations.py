@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from statistics import fmean, stdev
+from statistics import fmean, median, stdev
 from typing import Any
 
 from benchmarks.spread.comparison import MARGIN
@@ -38,6 +38,8 @@ _LOOKS = {
     "agilerl maddpg": ("#009E73", "-."),
     "orchid ippo": ("#666666", ":"),
 }
+_DIGEST = 8
+"""Letters of a commit that are shown."""
 _LATE = 5
 """A curve's last so many points are compared with as many before them."""
 Row = Mapping[str, Any]
@@ -49,47 +51,53 @@ def final_block() -> str:
     rows = []
     for arm, described in document["comparison"]["arms"].items():
         runs = _finished(document, arm)
-        frames = document["arms"][arm]["changes"]["frames"]
-        seconds = sorted(run["training_s"] for run in runs)
         rows.append(
             [
                 TITLES[arm],
                 _seeds(described),
                 _with_interval(described["iqm"], described["ci95"]),
                 f"{described['mean']:.2f} ± {described['std']:.2f}",
-                f"{frames:,}",
-                _change(runs),
-                f"{fmean(seconds):.0f}",
-                f"{seconds[0]:.0f} … {seconds[-1]:.0f}",
+                f"{document['arms'][arm]['changes']['frames']:,}",
+                _late_change(runs),
+                f"{median(run['training_s'] for run in runs):.0f}",
             ]
         )
-    for rule, value in document["baselines"].items():
-        rows.append([RULES[rule], "–", f"{value:.2f}", "–", "–", "–", "–", "–"])
+    rules = [[RULES[rule], f"{value:.2f}"] for rule, value in document["baselines"].items()]
     header = (
         *("learner", "seeds", "final return, IQM [95 %]", "mean ± std", "frames", "late change"),
-        *("training, s", "least … greatest"),
+        "training, median s",
     )
-    return "\n\n".join([table(header, rows), _source(document)])
+    parts = table(header, rows), table(["rule", "return, mean of episodes"], rules)
+    return "\n\n".join([*parts, _source(document)])
 
 
 def pairs_block() -> str:
-    """Which learners are the same, and which are not."""
+    """Which learners are the same at the end, and which are not."""
+    return _pairs_table(read(NAME)["comparison"]["pairs"])
+
+
+def pairs_of_curves_block() -> str:
+    """Which learners are the same on the way there."""
+    return _pairs_table(read(NAME)["comparison"]["pairs_of_curves"])
+
+
+def _pairs_table(pairs: Sequence[Row]) -> str:
     rows = []
-    for pair in read(NAME)["comparison"]["pairs"]:
-        low, high = pair["ci95"]
+    for pair in pairs:
+        low, high = pair["ci90"]
         rows.append(
             [
                 f"{TITLES[pair['compared']]} − {TITLES[pair['reference']]}",
-                " and ".join(map(str, pair["seeds"])),
                 f"{_signed(pair['difference'])} [{_signed(low)}, {_signed(high)}]",
-                f"±{pair['margin']:.2f}",
+                f"{pair['margin']:.2f}",
+                f"{pair['least_margin']:.2f}",
                 f"{pair['equivalence_p']:.3f}",
                 f"{pair['p_value']:.3f}",
-                pair["verdict"] or "too few seeds for one",
+                pair["verdict"] or "none: too few seeds",
             ]
         )
     header = (
-        *("difference of", "seeds", "difference [95 %]", "margin", "p (equivalence)"),
+        *("", "difference of means [90 %]", "margin", "least margin", "p (equivalence)"),
         *("p (difference)", "verdict"),
     )
     return table(header, rows)
@@ -119,61 +127,60 @@ def trials_block() -> str:
 def speed_block() -> str:
     """Frames per second."""
     document = read(SPEED)
-    speeds, ratios = document["frames_per_second"], document["ratios"]
-    fleet = [
-        [f"`{name}`" if name.startswith("orchid") else name, f"{speeds[name]:,}", *_spread(case)]
-        for name, case in document["seconds"].items()
-    ]
-    fleet.append(
-        [
-            "BenchMARL MAPPO / `orchid train`",
-            f"**{ratios['BenchMARL MAPPO / orchid train']:.2f}**",
-            "",
-            "",
-        ]
-    )
-    spread = [
-        [TITLES[name], f"{speeds[name]:,}", *_spread(case)]
-        for name, case in document["spread_seconds"].items()
-    ]
-    spread += [
-        [_over(name), f"{ratios[f'{name} / orchid mappo']:.2f}", "", ""]
-        for name in list(document["spread_seconds"])[1:]
-    ]
     settings, spent = document["settings"], document["benchmarl_spent_s"]
-    header = ("frames/s", "seconds", "least … greatest")
+    header = ("frames/s", "seconds", "least … greatest", "times ours")
+    fleet, spread = (
+        [
+            [
+                TITLES.get(name, f"`{name}`" if name.startswith("orchid") else name),
+                f"{document['frames_per_second'][name]:,}",
+                *_spread(case),
+                _times_ours(document["ratios"], name),
+            ]
+            for name, case in document[cases].items()
+        ]
+        for cases in ("seconds", "spread_seconds")
+    )
     return "\n\n".join(
         [
             table([f"the paper's network, {settings['episodes']} episodes", *header], fleet),
             f"BenchMARL spends {spent['collecting_s']:.1f} s on flying and "
-            f"{spent['learning_s']:.1f} s on gradient steps.",
+            f"{spent['learning_s']:.1f} s on advantages and gradient steps.",
             table([f"simple_spread, {settings['spread_frames']:,} frames", *header], spread),
-            f"Medians of {settings['repetitions']} repetitions in turns. {_source(document)}",
+            f"Medians of {settings['repetitions']} repetitions in turns; `times ours` is the "
+            f"median of the ratios of\nseconds within a round. {_source(document)}",
         ]
     )
 
 
+def _times_ours(ratios: Mapping[str, float], name: str) -> str:
+    return next((f"{ratios[key]:.2f}" for key in ratios if key.startswith(f"{name} / ")), "")
+
+
 def summary_block() -> str:
     """The verdicts in words."""
-    document = read(NAME)
-    pairs = document["comparison"]["pairs"]
+    comparison = read(NAME)["comparison"]
+    words = {
+        "equivalent": "equivalent within the margin",
+        "higher": "**higher**",
+        "lower": "**lower**",
+        "undecided": "neither shown equivalent nor different",
+        None: "no verdict, there are too few seeds",
+    }
     lines = []
-    for pair in pairs[:4]:
-        words = {
-            "equivalent": "equivalent within the margin",
-            "higher": "**higher**",
-            "lower": "**lower**",
-            "undecided": "neither shown equivalent nor different",
-            None: "no verdict, there are too few seeds",
-        }[pair["verdict"]]
-        lines.append(
-            f"* {TITLES[pair['compared']]} beside {TITLES[pair['reference']]}: {words} "
-            f"({_signed(pair['difference'])}, margin ±{pair['margin']:.2f})."
-        )
-    speed = read(SPEED)["ratios"]["BenchMARL MAPPO / orchid train"]
+    for pair, curve in zip(comparison["pairs"], comparison["pairs_of_curves"], strict=True):
+        if not pair["control"]:
+            lines.append(
+                f"* {TITLES[pair['compared']]} − {TITLES[pair['reference']]}: final return "
+                f"{_signed(pair['difference'])} (margin {pair['margin']:.2f}), "
+                f"{words[pair['verdict']]};\n  mean of the learning curve "
+                f"{_signed(curve['difference'])} (margin {curve['margin']:.2f}), "
+                f"{words[curve['verdict']]}."
+            )
+    times = read(SPEED)["ratios"]["BenchMARL MAPPO / orchid train"]
     lines.append(
-        f"* On this project's environment `orchid train` takes 1/{speed:.1f} of the time of "
-        "BenchMARL's MAPPO for the same\n  frames, batch and epochs."
+        f"* On this project's environment BenchMARL's MAPPO takes {times:.1f} times as long as "
+        "`orchid train` for the same\n  frames, batch and epochs."
     )
     return "\n".join(lines)
 
@@ -182,10 +189,31 @@ def margin_block() -> str:
     """What the test of equivalence asks."""
     settings = read(NAME)["settings"]["settings"]
     return (
-        f"Margin: {MARGIN:.0%} of what the reference gains over random actions, set before the "
-        "runs. Difference and\nintervals by Welch's t, equivalence by two one-sided Welch tests. "
-        f"Final returns are means over the same\n{settings['final_episodes']} episodes for every "
-        "policy, none of which a learner has seen."
+        f"The margin is {MARGIN:.0%} of what the reference's mean gains over random actions, set "
+        "before the runs. Two one-sided\nWelch tests at 5 % show equivalence where the 90 % "
+        "interval lies within the margin; `least margin` is the\nleast that these seeds would "
+        "have shown. The p values are not adjusted for the number of pairs. Final returns\nare "
+        f"means over the same {settings['final_episodes']} episodes for every policy, none of "
+        "which a learner has seen."
+    )
+
+
+def versions_block() -> str:
+    """Of the public packages."""
+    arms = read(NAME)["arms"]
+    return table(
+        ["learner", "versions"],
+        [
+            [
+                TITLES[arm],
+                ", ".join(
+                    f"{name} {version[:_DIGEST] if name == 'git_commit' else version}"
+                    for name, version in arms[arm]["versions"].items()
+                ),
+            ]
+            for arm in ("orchid mappo", "benchmarl mappo", "agilerl maddpg")
+        ],
+        words=2,
     )
 
 
@@ -198,7 +226,7 @@ def _seeds(described: Row) -> str:
     return f"{described['n']} ({failed} failed)" if failed else str(described["n"])
 
 
-def _change(runs: Sequence[Row]) -> str:
+def _late_change(runs: Sequence[Row]) -> str:
     """How much the curves still rise in their last quarter."""
     changes = [
         fmean(run["curve"][-_LATE:]) - fmean(run["curve"][-2 * _LATE : -_LATE]) for run in runs
@@ -208,10 +236,6 @@ def _change(runs: Sequence[Row]) -> str:
 
 def _with_interval(value: float, ends: Sequence[float] | None) -> str:
     return f"{value:.2f} [{ends[0]:.2f}, {ends[1]:.2f}]" if ends else f"{value:.2f}"
-
-
-def _over(arm: str) -> str:
-    return f"{TITLES[arm]} / {TITLES['orchid mappo']}"
 
 
 def _signed(value: float) -> str:
@@ -258,18 +282,17 @@ def draw_validation() -> list[Path]:
         axes.axhline(document["baselines"]["random"], color="#999999", lw=0.8)
         axes.annotate(
             "random actions",
-            (1.0, document["baselines"]["random"]),
+            (0.0, document["baselines"]["random"]),
             xycoords=("axes fraction", "data"),
             textcoords="offset points",
-            xytext=(-3, 3),
-            ha="right",
+            xytext=(4, 3),
             fontsize=8,
             color="#777777",
         )
         axes.set_title(title, fontsize=10)
         axes.set_xlabel("frames (thousands)")
         axes.grid(alpha=0.3)
-        axes.legend(fontsize=8, loc="lower right", bbox_to_anchor=(1.0, 0.06))
+        axes.legend(fontsize=8, loc="lower right", bbox_to_anchor=(1.0, 0.08))
     figure.axes[0].set_ylabel("return, mean over agents")
     figure.savefig(CURVES, dpi=130)
     return [CURVES]
@@ -281,6 +304,8 @@ VALIDATION_BLOCKS = {
     "final returns": (_PAGE, final_block),
     "margin": (_PAGE, margin_block),
     "pairs": (_PAGE, pairs_block),
+    "pairs of curves": (_PAGE, pairs_of_curves_block),
+    "versions": (_PAGE, versions_block),
     "validation curves": (_PAGE, curves_block),
     "trials": (_PAGE, trials_block),
     "training speed": (_PAGE, speed_block),

@@ -1,7 +1,8 @@
 """Number by number against BenchMARL on TorchRL: benchmarks/spread/fixed_batch.py made the file.
 
 Both sides start from the same weights, transitions and noise. What is compared is what came out
-there: nothing here was computed by this project.
+there. The head of MAPPO's policy, tanh and a deviation without input, is ours there too: of actions
+and log probabilities only network and density are compared.
 """
 
 import json
@@ -55,6 +56,12 @@ def layers_close(network: nn.Sequential, expected: list[list[Any]], gradient: bo
     for layer, (weight, bias) in zip(linear(network), expected, strict=True):
         close(layer.weight.grad if gradient else layer.weight, weight)
         close(layer.bias.grad if gradient else layer.bias, bias)
+
+
+def is_orthogonal(network: nn.Sequential) -> bool:
+    """Whether the hidden layers stretch every direction that they pass on by sqrt(2)."""
+    stretches = [torch.linalg.svdvals(layer.weight.detach()) for layer in linear(network)[:-1]]
+    return all(torch.allclose(one, torch.tensor(2.0).sqrt(), atol=1e-5) for one in stretches)
 
 
 class Recorded(VecEnv):
@@ -224,12 +231,35 @@ class TestMappo:
         layers_close(mappo.policy.critic, self.PUBLIC["critic"])
         close(mappo.policy.log_std, self.PUBLIC["log_std"])
 
+    def test_where_values_are_clipped_ours_is_sb3s_and_theirs_the_worse_of_both(self, mappo):
+        value, returns = (np.array(self.PUBLIC[name]) for name in ("value", "return"))
+        old, limit = value + GIVEN["deviation"], SETTINGS["clip_range"]
+        clipped = old + (value - old).clip(-limit, limit)
+        errors, clipped_errors = (value - returns) ** 2, (clipped - returns) ** 2
+        worse = np.maximum(errors, clipped_errors).mean()
+        close(worse, self.PUBLIC["loss_critic_of_clipped_values"])
+        mappo.clip_range_vf = lambda _: limit
+        mappo.rollout_buffer.values += GIVEN["deviation"].reshape(STEPS, -1)
+        _, (_, loss, *_) = self.moved_loss(mappo)
+        close(loss, clipped_errors.mean())
+        assert loss < worse
+
     def test_fresh_networks_without_orthogonal_weights(self):
-        torch.manual_seed(DOCUMENT["initial"]["seed"])
-        for name, inputs, outputs in (("actor", OBSERVATION, ACTIONS), ("critic", STATE, 1)):
-            layers_close(
-                perceptron(inputs, SETTINGS["hidden_sizes"], outputs), DOCUMENT["initial"][name]
-            )
+        initial = DOCUMENT["initial"]
+        plain = {"policy_kwargs": POLICY | {"ortho_init": False}, "seed": initial["seed"]}
+        policy = MAPPO("CentralizedCriticPolicy", Recorded(), n_steps=STEPS, **plain).policy
+        layers_close(policy.actor, initial["actor"])
+        layers_close(policy.critic, initial["critic"])
+        deterministic = MADDPG("JointCriticPolicy", Recorded(), **plain).policy
+        layers_close(deterministic.actor, initial["actor"])
+        assert deterministic._get_constructor_parameters()["ortho_init"] is False
+        for one in (policy, deterministic):
+            assert not is_orthogonal(one.actor) and not is_orthogonal(one.critic)
+
+    def test_fresh_networks_are_orthogonal_by_default(self):
+        for learner, policy in ((MAPPO, "CentralizedCriticPolicy"), (MADDPG, "JointCriticPolicy")):
+            made = learner(policy, Recorded(), policy_kwargs=POLICY).policy
+            assert is_orthogonal(made.actor) and is_orthogonal(made.critic)
 
 
 class TestMaddpg:
@@ -311,5 +341,5 @@ class TestMaddpg:
             layers_close(getattr(policy, ours), self.PUBLIC[theirs])
 
 
-def test_the_settings_of_the_comparison_are_those_of_the_batch_in_kind():
+def test_the_file_knows_all_settings_of_today():
     assert SETTINGS.keys() == {*Settings.__dataclass_fields__}

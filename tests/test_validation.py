@@ -4,6 +4,7 @@ import json
 import math
 import stat
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,12 +14,14 @@ from scipy.stats import t
 
 from benchmarks import validation
 from benchmarks.spread import rules, task
-from benchmarks.spread.comparison import PAIRS, compare, compare_arms
+from benchmarks.spread.comparison import CONTROLS, PAIRS, compare, compare_arms
 from benchmarks.spread.orchid_learners import LocalState, learn, make_learner
 from benchmarks.spread.task import Progress, Settings
 from benchmarks.spread.train import changed
+from benchmarks.training_speed import FLEET_SETTINGS
 from benchmarks.validation import Arm, compact, jobs, run
 from orchid_uav.envs import make_supersuit_vec_env
+from orchid_uav.experiments.configuration import RunConfig
 from tests.test_architecture import imports_of
 
 TINY = Settings(
@@ -77,10 +80,13 @@ class TestTask:
         assert {int(own.argmin()) for own in distances} == {0, 1, 2}
 
     def test_actions_beyond_the_space_are_clipped_before_the_environment_sees_them(self, caplog):
-        beyond = task.returns(lambda _: np.full((3, 5), 7.0), range(2))
-        at_the_end = task.returns(lambda _: np.ones((3, 5)), range(2))
-        assert beyond == at_the_end
-        assert not caplog.records
+        task.returns(lambda _: np.full((3, 5), 7.0), range(2))
+        assert not caplog.records  # MPE2 says so for each action that it has to clip
+
+    @pytest.mark.parametrize("change", ["gama=0.5", "frames", "hidden_sizes=3", "frames=many"])
+    def test_changes_that_are_none(self, change):
+        with pytest.raises(ValueError):
+            changed(Settings(), [change])
 
     def test_changes_keep_their_kind(self):
         settings = changed(Settings(), ["frames=50", "learning_rate=1"])
@@ -119,7 +125,6 @@ class TestOurLearners:
         np.testing.assert_array_equal(actions[0], actions[1])
         assert not np.array_equal(actions[0], actions[2])
         assert [frames for frames, _ in learned[0].progress.curve] == [50, 100]
-        assert all(((one >= 0.0) & (one <= 1.0)).all() for one in actions)
 
     def test_independent_ppo_values_what_the_agent_itself_observes(self):
         env = LocalState(make_supersuit_vec_env(task.make_spread, worlds=2, seed=0))
@@ -137,6 +142,31 @@ class TestOurLearners:
         assert model.policy.critic[0].in_features == task.OBSERVATION
         assert make_learner("mappo", 0, TINY).policy.critic[0].in_features == task.STATE
 
+    def test_the_settings_arrive(self):
+        settings = replace(
+            TINY,
+            learning_rate=0.011,
+            adam_epsilon=0.012,
+            gamma=0.13,
+            max_grad_norm=0.14,
+            gae_lambda=0.15,
+            clip_range=0.16,
+            entropy_coefficient=0.17,
+            target_rate=0.18,
+            exploration_std=0.19,
+        )
+        mappo, maddpg = (make_learner(name, 0, settings) for name in ("mappo", "maddpg"))
+        for model in (mappo, maddpg):
+            assert model.learning_rates == (0.011, 0.011)
+            assert model.policy.optimizer.defaults["eps"] == 0.012
+            assert (model.gamma, model.max_grad_norm) == (0.13, 0.14)
+            assert model.policy.net_arch == [8]
+        assert (mappo.gae_lambda, mappo.clip_range(1.0), mappo.ent_coef) == (0.15, 0.16, 0.17)
+        assert (mappo.vf_coef, mappo.normalize_advantage) == (1.0, False)
+        # On [-1, 1] as wide as the others' on [0, 1].
+        assert (maddpg.tau, maddpg.exploration_std) == (0.18, 0.38)
+        assert maddpg.preactivation_penalty == 0.0
+
     def test_as_many_updates_as_the_settings_say(self):
         model = make_learner("maddpg", 0, TINY)
         model.learn(TINY.frames * 3)
@@ -147,11 +177,23 @@ class TestOurLearners:
         assert int(steps) == 2 * TINY.epochs * 5
 
 
+PUBLIC_MODULES = {"task", "train", "fixed_batch"} | {
+    f"{library}_{part}"
+    for library, part in (
+        *(("benchmarl", "learners"), ("benchmarl", "worlds")),
+        ("agilerl", "learners"),
+    )
+}
+
+
 def test_what_a_public_librarys_environment_imports_does_not_need_ours():
     folder = Path(task.__file__).parent
-    for name in ("task", "train", "benchmarl_learners", "benchmarl_worlds", "agilerl_learners"):
-        modules = imports_of(folder / f"{name}.py")
-        assert not {module for module in modules if module.startswith("orchid_uav")}, name
+    for path in (folder / f"{name}.py" for name in PUBLIC_MODULES):
+        for module in imports_of(path):
+            root, _, rest = module.partition(".")
+            assert root != "orchid_uav", f"{path.name} imports {module}"
+            if root == "benchmarks":
+                assert rest.removeprefix("spread.") in PUBLIC_MODULES, f"{path.name}: {module}"
 
 
 class TestComparison:
@@ -169,13 +211,14 @@ class TestComparison:
         freedom = sum(errors) ** 2 / sum(one**2 / 9 for one in errors)
         difference = means[0] - means[1]
         margin = 0.05 * (means[1] + 24.7)
-        reach = t.ppf(0.975, freedom) * error
+        reach = t.ppf(0.95, freedom) * error
         assert found["difference"] == pytest.approx(difference)
-        assert found["ci95"] == pytest.approx([difference - reach, difference + reach])
+        assert found["ci90"] == pytest.approx([difference - reach, difference + reach])
         assert found["p_value"] == pytest.approx(2 * t.sf(abs(difference) / error, freedom))
         assert found["margin"] == pytest.approx(margin)
         expected = t.sf((margin - abs(difference)) / error, freedom)
         assert found["equivalence_p"] == pytest.approx(expected)
+        assert found["least_margin"] == pytest.approx(max(map(abs, found["ci90"])))
 
     @pytest.mark.parametrize(
         ("shift", "spread", "verdict"),
@@ -200,7 +243,7 @@ class TestComparison:
 
     def test_arms_and_pairs_of_rows(self):
         rows = [
-            {"arm": arm, "final_return": value}
+            {"arm": arm, "final_return": value, "curve": [value - 3.0, value - 1.0]}
             for arm, values in (("orchid mappo", self.ONE), ("benchmarl mappo", self.OTHER))
             for value in values
         ]
@@ -209,6 +252,9 @@ class TestComparison:
         assert found["arms"]["orchid mappo"]["iqm"] == pytest.approx(sum(middle) / 6)
         (pair,) = found["pairs"]
         assert (pair["compared"], pair["reference"]) == ("orchid mappo", "benchmarl mappo")
+        (on_the_way,) = found["pairs_of_curves"]
+        assert on_the_way["difference"] == pytest.approx(pair["difference"])
+        assert on_the_way["margin"] == pytest.approx(pair["margin"] - 0.05 * 2.0)
 
 
 STAND_IN = """#!{python}
@@ -219,27 +265,34 @@ out = sys.argv[sys.argv.index("--out") + 1]
 with open(out + ".calls", "a") as calls:
     calls.write("x")
 with open(out, "w") as file:
-    json.dump({{"argv": sys.argv[1:]}}, file)
+    json.dump({{"argv": sys.argv[1:], "settings": {settings}}}, file)
 """
 
 
 class TestRuns:
+    ARM = Arm("orchid", "mappo", {"frames": 10, "learning_rate": 0.5})
+
     @pytest.fixture
     def pythons(self, tmp_path):
         path = tmp_path / "python"
-        path.write_text(STAND_IN.format(python=sys.executable, fails="maddpg"))
+        text = STAND_IN.format(python=sys.executable, fails="maddpg", settings=self.ARM.settings)
+        path.write_text(text)
         path.chmod(path.stat().st_mode | stat.S_IXUSR)
         return {"orchid": str(path)}
 
     def test_a_run_that_is_there_is_not_done_again(self, tmp_path, pythons):
-        arm = Arm("orchid", "mappo", {"frames": 10, "learning_rate": 0.5})
-        row = run(arm, 3, pythons, tmp_path)
-        assert row == run(arm, 3, pythons, tmp_path)
+        row = run(self.ARM, 3, pythons, tmp_path)
+        assert row == run(self.ARM, 3, pythons, tmp_path)
         assert row["argv"][:2] == ["-m", "benchmarks.spread.train"]
         settings = changed(Settings(), [row["argv"][i + 1] for i in (-4, -2)])
         assert (settings.frames, settings.learning_rate) == (10, 0.5)
         (calls,) = tmp_path.glob("*.calls")
         assert calls.read_text() == "x"
+
+    def test_a_run_with_other_settings_is_done_again(self, tmp_path, pythons):
+        path = tmp_path / self.ARM.file(3)
+        path.write_text(json.dumps({"settings": self.ARM.settings | {"gamma": 0.5}}))
+        assert run(self.ARM, 3, pythons, tmp_path)["settings"] == self.ARM.settings
 
     def test_a_run_that_fails_is_told_with_its_reason_and_tried_again(self, tmp_path, pythons):
         arm = Arm("orchid", "maddpg")
@@ -261,21 +314,36 @@ class TestRuns:
         found = compare(rows, random_return=-24.7)
         assert found["arms"]["orchid mappo"]["failed"] == 1
         (pair,) = found["pairs"]
-        assert pair["seeds"] == [10, 10]
+        assert (pair["seeds"], pair["failed"]) == ([10, 10], [1, 0])
         assert pair["difference"] == 0.0
+        assert pair["verdict"] == "undecided"  # though what is left is the same
+
+    def test_where_nearly_all_failed_there_is_nothing_to_compare(self):
+        found = compare_arms([-17.0, None, None], TestComparison.OTHER, random_return=-24.7)
+        assert found == {"seeds": [1, 10], "failed": [2, 0], "verdict": None}
 
     def test_arms_that_differ_have_files_that_differ(self):
-        every = [*validation.ARMS, *validation.TRIALS]
-        assert len({arm.file(0) for arm in every}) == len(every)
+        every = [*jobs(validation.ARMS, 2), *validation.TRIALS]
+        assert len({arm.file(seed) for arm, seed in every}) == len(every)
 
     def test_learners_take_turns_seed_by_seed(self):
         few, many = Arm("orchid", "ippo", seeds=1), Arm("orchid", "mappo", seeds=3)
         assert list(jobs((few, many), 2)) == [(few, 0), (many, 0), (many, 1)]
 
-    def test_pairs_use_the_same_number_of_frames(self):
-        frames = {arm.name: arm.changes["frames"] for arm in validation.ARMS}
-        for one, other in PAIRS:
-            assert frames[one] == frames[other]
+    def test_pairs_have_the_same_settings(self):
+        changes = {arm.name: arm.changes for arm in validation.ARMS}
+        for one, other in (*PAIRS, *CONTROLS):
+            assert changes[one] == changes[other]
+
+
+def test_beside_benchmarl_both_sides_take_as_many_gradient_steps():
+    settings = Settings(**FLEET_SETTINGS)
+    paper = RunConfig()
+    samples = paper.network.episode_slots * paper.network.uav_count
+    ours = math.ceil(samples / paper.ppo.batch_size)
+    theirs = math.ceil(settings.frames_per_iteration / settings.minibatch_frames)
+    assert ours == theirs == 10
+    assert settings.epochs == paper.ppo.epochs
 
 
 def test_the_committed_rows_are_those_of_the_comparison():

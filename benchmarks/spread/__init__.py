@@ -1,5 +1,5 @@
 """The learners beyond this project's own environment: MPE2's simple_spread, and public libraries.
 
 Modules here that a public library's environment imports know nothing of ``orchid_uav``: ``task``,
-``benchmarl_learners``, ``agilerl_learners`` and ``train``.
+``train``, ``fixed_batch``, and those named after the libraries.
 """

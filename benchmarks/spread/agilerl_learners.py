@@ -32,8 +32,8 @@ Time limits: the loop stores the termination alone as the end, so the target goe
 limit, as it should. But the environments of AgileRL put the first observation of the next episode
 in the place of the last one, and the target then takes the value of that. The worlds here keep the
 last observation, which the loop allows for because it resets them after each round, and a round is
-an episode; ``stock_resets`` gives the replaced one instead. After each round the loop also judges
-the policy; that is cut to a single step, which is not learned from.
+an episode. After each round the loop also judges the policy; that is cut to a single step, which is
+not learned from.
 """
 
 import contextlib
@@ -60,7 +60,7 @@ from benchmarks.spread.task import STEPS, Learned, Policy, Progress, Settings, m
 class SpreadWorlds(PettingZooVecEnv):
     """Several worlds in one process, with the interface of AgileRL's vectorised environments."""
 
-    def __init__(self, worlds: int, seed: int, stock_resets: bool) -> None:
+    def __init__(self, worlds: int, seed: int) -> None:
         self._worlds = [make_spread() for _ in range(worlds)]
         first = self._worlds[0]
         agents = first.possible_agents
@@ -72,7 +72,6 @@ class SpreadWorlds(PettingZooVecEnv):
         )
         drawn = np.random.SeedSequence(seed).generate_state(worlds)
         self._seeds: list[int | None] = [int(one) for one in drawn]
-        self._stock_resets = stock_resets
         self._actions: list[dict[str, Any]] = []
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
@@ -96,8 +95,6 @@ class SpreadWorlds(PettingZooVecEnv):
                 for agent, action in chosen.items()
             }
             view, reward, terminated, truncated, _ = world.step(inside)
-            if self._stock_resets and not world.agents:
-                view, _ = world.reset()
             rows.append((view, reward, terminated, truncated))
         view, reward, terminated, truncated = map(self._by_agent, zip(*rows, strict=True))
         return view, reward, terminated, truncated, {agent: {} for agent in self.agents}
@@ -194,12 +191,12 @@ def deterministic_policy(model: MADDPG) -> Policy:
     return act
 
 
-def learn(name: str, seed: int, settings: Settings, stock_resets: bool = False) -> Learned:
+def learn(name: str, seed: int, settings: Settings) -> Learned:
     """Train "maddpg"; frames are whole episodes of all worlds."""
     warnings.filterwarnings("ignore")
     torch.manual_seed(seed)
     round_frames = STEPS * settings.worlds
-    worlds = SpreadWorlds(settings.worlds, seed, stock_resets)
+    worlds = SpreadWorlds(settings.worlds, seed)
     model = make_learner(settings, worlds)
     # AgileRL writes to all of its buffer at once; what would never be used is not asked for.
     memory = ReplayBuffer(min(settings.buffer_frames, settings.frames + round_frames))

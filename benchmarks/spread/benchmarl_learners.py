@@ -7,7 +7,9 @@ distribution of ours, so that what is left between the two is not the distributi
 
 import tempfile
 import warnings
+from dataclasses import replace
 from importlib.metadata import version
+from typing import Any
 
 import numpy as np
 import torch
@@ -84,9 +86,9 @@ class GaussianMappoConfig(MappoConfig):
 
 
 class _Judging(Callback):
-    def __init__(self, settings: Settings) -> None:
-        super().__init__()
-        self.progress = Progress(settings)
+    """Its clock, like the others', begins with training: ``progress`` is given then."""
+
+    progress: Progress
 
     def on_train_end(self, training_td: TensorDictBase, group: str) -> None:
         """Add a point to the curve."""
@@ -150,8 +152,9 @@ def make_experiment(
     task: TaskClass,
     directory: str,
     callbacks: tuple[Callback, ...] = (),
+    **config: Any,
 ) -> Experiment:
-    """An experiment of BenchMARL, ready to run."""
+    """An experiment of BenchMARL, ready to run; ``config`` goes to its ``ExperimentConfig``."""
 
     def network() -> MlpConfig:
         return MlpConfig(
@@ -164,7 +167,7 @@ def make_experiment(
         model_config=network(),
         critic_model_config=network(),
         seed=seed,
-        config=experiment_config(settings, directory),
+        config=replace(experiment_config(settings, directory), **config),
         callbacks=list(callbacks),
     )
 
@@ -178,9 +181,9 @@ def learn(name: str, seed: int, settings: Settings) -> Learned:
     else:
         task = SpreadTask(lowest_action=-1.0 if name == "mappo-gaussian" else 0.0)
     with tempfile.TemporaryDirectory() as directory:
-        judging = _Judging(settings)
+        judging = _Judging()
         experiment = make_experiment(name, seed, settings, task, directory, (judging,))
-        judging.progress = Progress(settings)  # its clock starts with training, as the others'
+        judging.progress = Progress(settings)
         experiment.run()
         training_s = judging.progress.training_s
     packages = ("benchmarl", "torchrl", "tensordict", "torch", "mpe2")

@@ -1,7 +1,8 @@
 """simple_spread for BenchMARL, twice: as TorchRL wraps it, and with the worlds in one batch.
 
-TorchRL's wrapper of PettingZoo environments takes longer over a step than the environment itself.
-The batch steps the same worlds one after the other with less around them.
+TorchRL's wrapper of PettingZoo environments takes longer over a step than the environment itself,
+and BenchMARL gives the same seed to all of its worlds, which then begin every episode alike. The
+batch steps the worlds one after the other with less around them, each with a seed of its own.
 """
 
 from collections.abc import Callable

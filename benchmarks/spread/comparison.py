@@ -1,12 +1,16 @@
 """What the runs of the learners say about each other."""
 
 from collections.abc import Mapping, Sequence
+from statistics import fmean
 from typing import Any
 
 import numpy as np
-from scipy.stats import ttest_ind
+from numpy.typing import NDArray
+from scipy.stats import t, ttest_ind
 
-from orchid_uav.experiments.comparison import ALPHA, describe_seeds, probability_of_improvement
+from orchid_uav.experiments.comparison import ALPHA, describe_seeds
+
+Floats = NDArray[np.floating]
 
 MARGIN = 0.05
 """Share of what the public learner gains over random play, set before the runs."""
@@ -16,27 +20,37 @@ PAIRS = (
     ("orchid mappo", "benchmarl mappo-gaussian"),
     ("orchid maddpg", "benchmarl maddpg"),
     ("orchid maddpg", "agilerl maddpg"),
-    ("benchmarl mappo-gaussian", "benchmarl mappo"),
-    ("orchid mappo", "orchid ippo"),
 )
-"""(compared, reference). The last two are controls: two public ones, and what a central critic is
-worth."""
+CONTROLS = (("benchmarl mappo-gaussian", "benchmarl mappo"), ("orchid mappo", "orchid ippo"))
+"""(compared, reference): what the distribution changes, and what the central critic."""
 
 
 def compare(rows: Sequence[Mapping[str, Any]], random_return: float) -> dict[str, Any]:
-    """Every arm's final return over seeds, and the pairs."""
+    """Every arm's final return over seeds, and the pairs: in it, and on the way there.
+
+    On the way: the mean of the whole learning curve, which tells how fast a learner is.
+    """
     finals: dict[str, list[float | None]] = {}
+    curves: dict[str, list[float | None]] = {}
     for row in rows:
         finals.setdefault(row["arm"], []).append(row["final_return"])
+        curves.setdefault(row["arm"], []).append(fmean(row["curve"]) if "curve" in row else None)
     return {
         "arms": {arm: describe_seeds(values) for arm, values in finals.items()},
-        "pairs": [
-            {"compared": one, "reference": other}
-            | compare_arms(finals[one], finals[other], random_return)
-            for one, other in PAIRS
-            if one in finals and other in finals
-        ],
+        "pairs": _pairs(finals, random_return),
+        "pairs_of_curves": _pairs(curves, random_return),
     }
+
+
+def _pairs(
+    values: Mapping[str, Sequence[float | None]], random_return: float
+) -> list[dict[str, Any]]:
+    return [
+        {"compared": one, "reference": other, "control": (one, other) in CONTROLS}
+        | compare_arms(values[one], values[other], random_return)
+        for one, other in (*PAIRS, *CONTROLS)
+        if one in values and other in values
+    ]
 
 
 def compare_arms(
@@ -44,43 +58,47 @@ def compare_arms(
 ) -> dict[str, Any]:
     """Difference of two arms whose seeds have nothing in common but their numbers.
 
-    Failed runs, None, are left out here; the description of their arm counts them.
-
     Returns:
-        "seeds" of either that did not fail; "difference" of the means, compared − reference, with
-        its 95 % interval and "p_value" by Welch's t; "margin"; "equivalence_p", the greater of two
-        one-sided Welch tests against it; "probability_of_improvement"; "verdict", none with too
-        few seeds.
+        "seeds" of either that did not fail and how many "failed", None; "difference" of the means,
+        compared − reference, with its 90 % interval and "p_value" by Welch's t; "margin";
+        "equivalence_p", the greater of two one-sided Welch tests against it, significant at 5 %
+        where the interval lies within the margin; "least_margin", the least that these seeds would
+        have shown; "verdict": none with too few seeds, "undecided" also where runs failed, as
+        nobody knows what they stood for.
     """
     one, other = (
         np.array([value for value in values if value is not None])
         for values in (compared, reference)
     )
-    margin = MARGIN * (float(other.mean()) - random_return)
+    failed = [len(compared) - len(one), len(reference) - len(other)]
+    found: dict[str, Any] = {"seeds": [len(one), len(other)], "failed": failed, "verdict": None}
+    if min(len(one), len(other)) < 2:
+        return found
     welch = ttest_ind(one, other, equal_var=False)
-    one_sided = (
-        ttest_ind(one + margin, other, equal_var=False, alternative="greater").pvalue,
-        ttest_ind(one - margin, other, equal_var=False, alternative="less").pvalue,
-    )
-    difference, equivalence_p = float(one.mean() - other.mean()), float(max(one_sided))
-    verdict = None
-    if min(len(one), len(other)) >= SEEDS_FOR_A_VERDICT:
-        if equivalence_p <= ALPHA:
-            verdict = "equivalent"
-        elif welch.pvalue <= ALPHA:
-            verdict = "higher" if difference > 0.0 else "lower"
-        else:
-            verdict = "undecided"
-    count = min(len(one), len(other))
-    return {
-        "seeds": [len(one), len(other)],
+    difference, error = float(one.mean() - other.mean()), _standard_error(one, other)
+    margin = MARGIN * (float(other.mean()) - random_return)
+    equivalence_p = float(t.sf((margin - abs(difference)) / error, welch.df))
+    least_margin = abs(difference) + error * float(t.isf(ALPHA, welch.df))
+    if any(failed):
+        verdict = "undecided"
+    elif min(len(one), len(other)) < SEEDS_FOR_A_VERDICT:
+        verdict = None
+    elif equivalence_p <= ALPHA:
+        verdict = "equivalent"
+    elif welch.pvalue <= ALPHA:
+        verdict = "higher" if difference > 0.0 else "lower"
+    else:
+        verdict = "undecided"
+    return found | {
         "difference": difference,
-        "ci95": [float(end) for end in welch.confidence_interval(0.95)],
+        "ci90": [float(end) for end in welch.confidence_interval(1.0 - 2.0 * ALPHA)],
         "p_value": float(welch.pvalue),
         "margin": margin,
+        "least_margin": least_margin,
         "equivalence_p": equivalence_p,
-        "probability_of_improvement": probability_of_improvement(
-            other[:count], one[:count], "higher"
-        )[0],
         "verdict": verdict,
     }
+
+
+def _standard_error(one: Floats, other: Floats) -> float:
+    return float(np.sqrt(one.var(ddof=1) / len(one) + other.var(ddof=1) / len(other)))

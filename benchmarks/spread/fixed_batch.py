@@ -2,7 +2,8 @@
 
 ``python -m benchmarks.spread.fixed_batch FILE`` in BenchMARL's environment. Their losses, advantage
 estimation, optimizers, clipping and target updates run as they are, on networks, transitions and
-noise drawn here; the file holds what went in and what came out.
+noise drawn here; the file holds what went in and what came out. The head of MAPPO's policy and the
+draw of its actions are ours on both sides, as the distributions differ.
 
 One world ends by a time limit, another by itself, and both go on with a new episode. The minibatch
 is the whole batch, since an order of samples cannot be the same on both sides.
@@ -188,6 +189,11 @@ def mappo_numbers(given: Arrays) -> Arrays:
     loss.normalize_advantage = True
     found["loss_objective_of_normalized_advantages"] = loss(moved)["loss_objective"].item()
     loss.normalize_advantage = False
+    value_moved = moved.clone()
+    value_moved[GROUP, "state_value"] = value_moved[GROUP, "state_value"] + deviation[..., None]
+    loss.clip_value = torch.tensor(SETTINGS.clip_range)  # TorchRL's; BenchMARL does not offer it
+    found["loss_critic_of_clipped_values"] = loss(value_moved)["loss_critic"].item()
+    loss.clip_value = None
     losses = loss(moved)
     for name in ("loss_objective", "loss_entropy", "loss_critic", "entropy", "clip_fraction"):
         found[name] = losses[name].item()

@@ -19,12 +19,9 @@ Policy = Callable[[NDArray[np.float32]], NDArray[np.floating[Any]]]
 
 @dataclass(frozen=True)
 class Settings:
-    """Of every learner; a frame is one step of one world, that is of three agents.
+    """Of every learner; a frame is one step of one world, that is of three agents."""
 
-    Chosen on BenchMARL's learners with seeds other than those compared, and used for all.
-    """
-
-    frames: int = 250_000
+    frames: int = 200_000
     worlds: int = 10
     frames_per_iteration: int = 2500
     hidden_sizes: tuple[int, ...] = (64, 64)

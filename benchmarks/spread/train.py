@@ -40,10 +40,20 @@ def train(library: str, method: str, seed: int, settings: Settings) -> dict[str,
 
 
 def changed(settings: Settings, changes: list[str]) -> Settings:
-    """``settings`` with "name=value" applied."""
+    """``settings`` with "name=value" applied.
+
+    Raises:
+        ValueError: no such setting that is a number, or no number.
+    """
     kinds = {one.name: type(getattr(settings, one.name)) for one in fields(settings)}
-    pairs = dict(change.split("=", 1) for change in changes)
-    return replace(settings, **{name: kinds[name](value) for name, value in pairs.items()})
+    wanted = {}
+    for change in changes:
+        name, _, value = change.partition("=")
+        if kinds.get(name) not in (int, float):
+            numbers = ", ".join(known for known, kind in kinds.items() if kind in (int, float))
+            raise ValueError(f"'{name}' is none of {numbers}")
+        wanted[name] = kinds[name](value)
+    return replace(settings, **wanted)
 
 
 def main() -> None:
@@ -59,7 +69,10 @@ def main() -> None:
     arguments = parser.parse_args()
     if arguments.method not in LIBRARIES[arguments.library]:
         parser.error(f"{arguments.library} has no {arguments.method} here")
-    settings = changed(Settings(), arguments.set)
+    try:
+        settings = changed(Settings(), arguments.set)
+    except ValueError as error:
+        parser.error(str(error))
     document = train(arguments.library, arguments.method, arguments.seed, settings)
     unfinished = arguments.out.with_suffix(".part")
     unfinished.write_text(json.dumps(document) + "\n", encoding="utf-8")
