@@ -76,6 +76,7 @@ ARMS = (
     Arm("orchid", "maddpg", _MADDPG),
     Arm("benchmarl", "maddpg", _MADDPG),
     Arm("agilerl", "maddpg", _MADDPG, seeds=5),
+    Arm("orchid", "maddpg-tripled", _MADDPG, seeds=5),
 )
 _TRIED = {"frames": 100_000}
 TRIALS = (

@@ -19,6 +19,7 @@ TITLES = {
     "orchid maddpg": "`MADDPG`",
     "benchmarl maddpg": "BenchMARL MADDPG",
     "agilerl maddpg": "AgileRL MADDPG",
+    "orchid maddpg-tripled": "`MADDPG`, three times the steps",
 }
 RULES = {
     "random": "random actions",
@@ -27,7 +28,7 @@ RULES = {
 }
 PANELS = {
     "PPO": ("orchid mappo", "benchmarl mappo", "benchmarl mappo-gaussian", "orchid ippo"),
-    "MADDPG": ("orchid maddpg", "benchmarl maddpg", "agilerl maddpg"),
+    "MADDPG": ("orchid maddpg", "benchmarl maddpg", "agilerl maddpg", "orchid maddpg-tripled"),
 }
 _LOOKS = {
     "orchid mappo": ("#0072B2", "-"),
@@ -37,6 +38,7 @@ _LOOKS = {
     "benchmarl mappo-gaussian": ("#009E73", "-."),
     "agilerl maddpg": ("#009E73", "-."),
     "orchid ippo": ("#666666", ":"),
+    "orchid maddpg-tripled": ("#666666", ":"),
 }
 _DIGEST = 8
 """Letters of a commit that are shown."""

@@ -171,6 +171,10 @@ class TestOurLearners:
         model = make_learner("maddpg", 0, TINY)
         model.learn(TINY.frames * 3)
         assert model._n_updates == 2 * TINY.updates_per_iteration
+        tripled = make_learner("maddpg-tripled", 0, TINY)
+        tripled.learn(TINY.frames * 3)
+        assert tripled._n_updates == 3 * model._n_updates
+        assert tripled.tau == model.tau / 3
         model = make_learner("mappo", 0, TINY)
         model.learn(TINY.frames * 3)
         steps = model.policy.optimizer.state[model.policy.log_std]["step"]

@@ -21,8 +21,13 @@ PAIRS = (
     ("orchid maddpg", "benchmarl maddpg"),
     ("orchid maddpg", "agilerl maddpg"),
 )
-CONTROLS = (("benchmarl mappo-gaussian", "benchmarl mappo"), ("orchid mappo", "orchid ippo"))
-"""(compared, reference): what the distribution changes, and what the central critic."""
+CONTROLS = (
+    ("benchmarl mappo-gaussian", "benchmarl mappo"),
+    ("orchid mappo", "orchid ippo"),
+    ("orchid maddpg-tripled", "agilerl maddpg"),
+)
+"""(compared, reference): what the distribution changes, what the central critic, and whether it is
+the number of its steps that sets AgileRL's apart."""
 
 
 def compare(rows: Sequence[Mapping[str, Any]], random_return: float) -> dict[str, Any]:

@@ -1,4 +1,9 @@
-"""MAPPO and MADDPG of this project, and independent PPO, as the others in this folder."""
+"""MAPPO and MADDPG of this project as the others in this folder, and two variants.
+
+"ippo" is MAPPO whose critic sees what the agent itself observes. "maddpg-tripled" is MADDPG with
+three times the gradient steps and targets that follow a third as far at each: as many steps as
+AgileRL takes, whose agents learn in turn.
+"""
 
 from typing import Any
 
@@ -82,7 +87,7 @@ def deterministic_policy(model: CentralizedTraining) -> Policy:
 
 
 def make_learner(name: str, seed: int, settings: Settings, **changes: Any) -> CentralizedTraining:
-    """A "mappo", "maddpg" or "ippo" ready to learn; ``changes`` are further arguments of it."""
+    """One of the learners, ready to learn; ``changes`` are further arguments of it."""
     env = make_supersuit_vec_env(make_spread, settings.worlds, seed)
     steps = settings.frames_per_iteration // settings.worlds
     policy = {
@@ -98,13 +103,14 @@ def make_learner(name: str, seed: int, settings: Settings, **changes: Any) -> Ce
         "seed": seed,
         "policy_kwargs": policy,
     }
-    if name == "maddpg":
+    if name.startswith("maddpg"):
+        times = 3 if name == "maddpg-tripled" else 1
         special = {
             "buffer_size": settings.buffer_frames,
             "batch_size": settings.batch_frames,
-            "target_rate": settings.target_rate,
+            "target_rate": settings.target_rate / times,
             "update_every": steps,
-            "gradient_steps": settings.updates_per_iteration,
+            "gradient_steps": settings.updates_per_iteration * times,
             "exploration_std": 2.0 * settings.exploration_std,  # on actions in [-1, 1]
             "preactivation_penalty": 0.0,
             "episode_steps": STEPS,
@@ -128,7 +134,7 @@ def make_learner(name: str, seed: int, settings: Settings, **changes: Any) -> Ce
 
 
 def learn(name: str, seed: int, settings: Settings) -> Learned:
-    """Train "mappo", "maddpg" or "ippo"."""
+    """Train one of the learners."""
     model = make_learner(name, seed, settings)
     judging = _Judging(Progress(settings))
     model.learn(settings.frames * AGENTS, callback=judging)

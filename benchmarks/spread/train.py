@@ -16,7 +16,7 @@ import torch
 from benchmarks.spread.task import Settings, final_returns
 
 LIBRARIES = {
-    "orchid": ("mappo", "maddpg", "ippo"),
+    "orchid": ("mappo", "ippo", "maddpg", "maddpg-tripled"),
     "benchmarl": ("mappo", "mappo-gaussian", "mappo-stock", "maddpg"),
     "agilerl": ("maddpg",),
 }
