@@ -20,7 +20,7 @@ from typing import Any
 from benchmarks.measuring import ONE_THREAD, record
 from benchmarks.spread.comparison import compare
 from benchmarks.spread.rules import baselines
-from benchmarks.spread.task import Settings
+from benchmarks.spread.task import MADDPG_SETTINGS, PPO_SETTINGS, Settings
 from benchmarks.studies import RESULTS, write_result
 
 ROOT = Path(__file__).parent.parent
@@ -53,6 +53,15 @@ class Arm:
     def settings(self) -> dict[str, Any]:
         """All settings, as JSON gives them back."""
         return json.loads(json.dumps(asdict(Settings(**self.changes))))
+
+    def is_of(self, settings: Mapping[str, Any]) -> bool:
+        """Whether a run with these settings is of this arm: of both algorithms', its own count."""
+        others = PPO_SETTINGS if self.method.startswith("maddpg") else MADDPG_SETTINGS
+        return all(
+            settings.get(name) == value
+            for name, value in self.settings.items()
+            if name not in others
+        )
 
     def command(self, pythons: Mapping[str, str], seed: int, out: Path) -> list[str]:
         """Trains one seed."""
@@ -125,7 +134,7 @@ def run(arm: Arm, seed: int, pythons: Mapping[str, str], directory: Path) -> dic
     path = directory / arm.file(seed)
     if path.exists():
         row = json.loads(path.read_text(encoding="utf-8"))
-        if row["settings"] == arm.settings:
+        if arm.is_of(row["settings"]):
             return row
     log = path.with_suffix(".log")
     with log.open("wb") as output:

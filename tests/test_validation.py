@@ -298,6 +298,13 @@ class TestRuns:
         path.write_text(json.dumps({"settings": self.ARM.settings | {"gamma": 0.5}}))
         assert run(self.ARM, 3, pythons, tmp_path)["settings"] == self.ARM.settings
 
+    def test_settings_of_the_other_algorithm_do_not_count(self):
+        maddpg = Arm("orchid", "maddpg", self.ARM.changes)
+        for name, ppo, other in (("exploration_std", True, False), ("epochs", False, True)):
+            settings = self.ARM.settings | {name: 7}
+            assert (self.ARM.is_of(settings), maddpg.is_of(settings)) == (ppo, other)
+        assert {*task.PPO_SETTINGS, *task.MADDPG_SETTINGS} < {*self.ARM.settings}
+
     def test_a_run_that_fails_is_told_with_its_reason_and_tried_again(self, tmp_path, pythons):
         arm = Arm("orchid", "maddpg")
         row = run(arm, 0, pythons, tmp_path)

@@ -13,6 +13,11 @@ from pettingzoo import ParallelEnv
 AGENTS, STEPS, OBSERVATION, STATE, ACTIONS = 3, 25, 18, 54, 5
 _FIRST_CURVE_SEED, _FIRST_FINAL_SEED = 1_000_000, 2_000_000
 
+PPO_SETTINGS = ("epochs", "minibatch_frames", "gae_lambda", "clip_range", "entropy_coefficient")
+MADDPG_SETTINGS = (
+    *("buffer_frames", "updates_per_iteration", "batch_frames", "target_rate"),
+    "exploration_std",
+)
 Policy = Callable[[NDArray[np.float32]], NDArray[np.floating[Any]]]
 """Deterministic actions (3, 5) in [0, 1] for observations (3, 18)."""
 
