@@ -37,7 +37,7 @@ from benchmarks.measuring import (
 from benchmarks.validation import ROOT, Arm, add_pythons, chosen_pythons
 from orchid_uav.experiments.configuration import RunConfig
 
-EPISODES, SPREAD_FRAMES = 20, 12_500
+EPISODES, SPREAD_FRAMES = 20, 10_000
 _PAPER = RunConfig()
 _PPO, _SLOTS = _PAPER.ppo, _PAPER.network.episode_slots
 FLEET_SETTINGS = {
