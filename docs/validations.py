@@ -93,8 +93,8 @@ def _pairs_table(pairs: Sequence[Row]) -> str:
                 f"{_signed(pair['difference'])} [{_signed(low)}, {_signed(high)}]",
                 f"{pair['margin']:.2f}",
                 f"{pair['least_margin']:.2f}",
-                f"{pair['equivalence_p']:.3f}",
-                f"{pair['p_value']:.3f}",
+                _p_value(pair["equivalence_p"]),
+                _p_value(pair["p_value"]),
                 pair["verdict"] or "none: too few seeds",
             ]
         )
@@ -238,6 +238,10 @@ def _late_change(runs: Sequence[Row]) -> str:
 
 def _with_interval(value: float, ends: Sequence[float] | None) -> str:
     return f"{value:.2f} [{ends[0]:.2f}, {ends[1]:.2f}]" if ends else f"{value:.2f}"
+
+
+def _p_value(value: float) -> str:
+    return f"{value:.3f}" if value >= 0.0005 else "< 0.001"
 
 
 def _signed(value: float) -> str:
