@@ -93,7 +93,7 @@ def _output(command: list[str]) -> str:
 
 def main() -> None:
     """Measure and report."""
-    parser = arguments_parser(__doc__.splitlines()[0], repetitions=5)
+    parser = arguments_parser(__doc__.splitlines()[0], repetitions=3)
     add_pythons(parser)
     options = parser.parse_args()
     pythons = chosen_pythons(options)
