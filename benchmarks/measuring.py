@@ -92,7 +92,10 @@ def keep_freed_memory(keep: bool) -> None:
 
 
 def record(settings: Mapping[str, Any], **figures: Any) -> dict[str, Any]:
-    """A result with all that is needed to judge it and to get it again."""
+    """A result with all that is needed to judge it and to get it again.
+
+    Where ``figures`` name what stands there anyway, such as the command, theirs is taken.
+    """
     host = describe_host()
     del host["name"]
     return {

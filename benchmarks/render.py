@@ -107,14 +107,15 @@ def _conditions(result: Mapping[str, Any]) -> str:
     )
 
 
-def _spread(case: Mapping[str, Any], scale: float, digits: int) -> list[str]:
+def spread(case: Mapping[str, Any], scale: float, digits: int) -> list[str]:
+    """A case's median, and its least and greatest repetition, as two cells of a table."""
     values = [case["median"], min(case["repetitions"]), max(case["repetitions"])]
     median, low, high = (f"{value * scale:,.{digits}f}" for value in values)
     return [median, f"{low} … {high}"]
 
 
 def _simulator(result: Mapping[str, Any]) -> list[str]:
-    speeds = [[name, *_spread(case, 1.0, 0)] for name, case in result["world_steps_per_s"].items()]
+    speeds = [[name, *spread(case, 1.0, 0)] for name, case in result["world_steps_per_s"].items()]
     ratios = [
         [name, f"{value:,.1f}" if value < 100 else f"{value:,.0f}"]
         for name, value in result["ratios"].items()
@@ -132,7 +133,7 @@ def _training(result: Mapping[str, Any]) -> list[str]:
     settings, ratios = result["settings"], result["ratios"]
     sizes = settings["samples_per_gradient_step"]
     size_text = " or ".join(str(size) for size in sorted(set(sizes), reverse=True))
-    loop = [[name, *_spread(case, 1.0, 2)] for name, case in result["seconds"].items()]
+    loop = [[name, *spread(case, 1.0, 2)] for name, case in result["seconds"].items()]
     ratio = f"**{ratios['learning loop / bare updates']:.2f}**"
     loop.append(["learning loop / bare updates", ratio, ""])
     spent_s = result["spent_s_per_episode"]
@@ -142,8 +143,7 @@ def _training(result: Mapping[str, Any]) -> list[str]:
         for name, seconds in spent_s.items()
     ]
     denormal = [
-        [name, *_spread(case, 1e3, 1)]
-        for name, case in result["update_phase_s_per_episode"].items()
+        [name, *spread(case, 1e3, 1)] for name, case in result["update_phase_s_per_episode"].items()
     ]
     denormal.append(["kept / flushed", f"{ratios['updates, denormals kept / flushed']:.2f}", ""])
     memory = [[name, f"{value:,}"] for name, value in result["peak_memory_mib"].items()]
@@ -164,7 +164,7 @@ def _evaluation(result: Mapping[str, Any]) -> list[str]:
     settings = result["settings"]
     uavs, methods = settings["uavs"], settings["methods"]
     flights = len(uavs) * len(methods) * settings["episodes"]
-    rows = [[name, *_spread(case, 1e3, 2)] for name, case in result["seconds_per_episode"].items()]
+    rows = [[name, *spread(case, 1e3, 2)] for name, case in result["seconds_per_episode"].items()]
     for name, value in result["ratios"].items():
         rows.append([f"{name}, one at a time / batched", f"**{value:.1f}**", ""])
     text = EVALUATION_TEXT.format(

@@ -142,8 +142,8 @@ def main() -> None:
         benchmarl_versions=parts[0]["versions"],
         frames_per_second=speeds,
         ratios=ratios,
+        command="python -m benchmarks.training_speed",  # without this machine's paths
     )
-    document["command"] = "python -m benchmarks.training_speed"  # without this machine's paths
     rows = {name: f"{value} frames/s" for name, value in speeds.items()}
     rows |= {f"BenchMARL, {part}": f"{value:.2f} s" for part, value in spent.items()}
     rows |= {name: f"{value:.2f} x" for name, value in ratios.items()}

@@ -35,6 +35,11 @@ SEEDS = 10
 TUNING_SEED = 100
 
 
+def name_of(library: str, method: str) -> str:
+    """Of an arm."""
+    return f"{library} {method}"
+
+
 @dataclass(frozen=True)
 class Arm:
     """One learner of a library, with what differs from the settings of all."""
@@ -47,7 +52,7 @@ class Arm:
     @property
     def name(self) -> str:
         """As in results: "orchid mappo"."""
-        return f"{self.library} {self.method}"
+        return name_of(self.library, self.method)
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -166,7 +171,7 @@ def run_all(
 
 def compact(row: Mapping[str, Any]) -> dict[str, Any]:
     """A run as it is kept: the mean of its final episodes, and the curve without its frames."""
-    run = {"arm": f"{row['library']} {row['method']}", "seed": row["seed"]}
+    run = {"arm": name_of(row["library"], row["method"]), "seed": row["seed"]}
     if "failed" in row:
         return run | {"final_return": None, "failed": row["failed"]}
     returns = row["final_returns"]
@@ -183,7 +188,7 @@ def arm_record(arm: Arm, rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     Raises:
         SystemExit: they were trained with different versions, or all of them failed.
     """
-    own = [row for row in rows if f"{row['library']} {row['method']}" == arm.name]
+    own = [row for row in rows if name_of(row["library"], row["method"]) == arm.name]
     versions = {json.dumps(row["versions"]) for row in own if "failed" not in row}
     if len(versions) != 1:
         raise SystemExit(f"{arm.name}: trained with {len(versions)} sets of versions, not one")
@@ -234,9 +239,9 @@ def main() -> None:
             for (arm, _), row in zip(TRIALS, trials, strict=True)
         ],
         runs=compacted,
+        # Where the runs lie, and with which Python they were made, is nobody's business.
+        command="python -m benchmarks.validation",
     )
-    # Where the runs lie, and with which Python they were made, is nobody's business.
-    document["command"] = "python -m benchmarks.validation"
     beginnings = ('{"arm":"', '{"changes":', '"arms":', '"baselines":', '"comparison":', '"pairs')
     write_result(arguments.json, document, beginnings)
 

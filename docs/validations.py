@@ -5,6 +5,7 @@ from pathlib import Path
 from statistics import fmean, median, stdev
 from typing import Any
 
+from benchmarks.render import spread
 from benchmarks.spread.comparison import MARGIN
 from docs.studies import FIGURES, ROOT, read, table
 
@@ -131,12 +132,12 @@ def speed_block() -> str:
     document = read(SPEED)
     settings, spent = document["settings"], document["benchmarl_spent_s"]
     header = ("frames/s", "seconds", "least … greatest", "times ours")
-    fleet, spread = (
+    fleet, mpe2 = (
         [
             [
                 TITLES.get(name, f"`{name}`" if name.startswith("orchid") else name),
                 f"{document['frames_per_second'][name]:,}",
-                *_spread(case),
+                *spread(case, 1.0, 2),
                 _times_ours(document["ratios"], name),
             ]
             for name, case in document[cases].items()
@@ -148,7 +149,7 @@ def speed_block() -> str:
             table([f"the paper's network, {settings['episodes']} episodes", *header], fleet),
             f"BenchMARL spends {spent['collecting_s']:.1f} s on flying and "
             f"{spent['learning_s']:.1f} s on advantages and gradient steps.",
-            table([f"simple_spread, {settings['spread_frames']:,} frames", *header], spread),
+            table([f"simple_spread, {settings['spread_frames']:,} frames", *header], mpe2),
             f"Medians of {settings['repetitions']} repetitions in turns; `times ours` is the "
             f"median of the ratios of\nseconds within a round. {_source(document)}",
         ]
@@ -246,11 +247,6 @@ def _p_value(value: float) -> str:
 
 def _signed(value: float) -> str:
     return f"{value:+.2f}".replace("-", "−")
-
-
-def _spread(case: Row) -> list[str]:
-    values = case["repetitions"]
-    return [f"{case['median']:.2f}", f"{min(values):.2f} … {max(values):.2f}"]
 
 
 def _source(document: Row) -> str:

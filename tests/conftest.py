@@ -70,16 +70,13 @@ def orchid(capsys, plain_environment, torch_as_before):
 
 
 @pytest.fixture
-def start_orchid(plain_environment):
-    """Starts the ``orchid`` command as a process of its own."""
+def start_process():
+    """Starts a process that ends with the test."""
     started = []
 
-    def start(*arguments, **options):
-        process = subprocess.Popen(
-            [sys.executable, "-m", "orchid_uav", *map(str, arguments)],
-            text=True,
-            **{"stdout": subprocess.PIPE, "stderr": subprocess.PIPE} | options,
-        )
+    def start(command, **options):
+        piped = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+        process = subprocess.Popen(command, text=True, **piped | options)
         started.append(process)
         return process
 
@@ -87,3 +84,14 @@ def start_orchid(plain_environment):
     for process in started:
         process.kill()
         process.communicate()
+
+
+@pytest.fixture
+def start_orchid(plain_environment, start_process):
+    """Starts the ``orchid`` command as a process of its own."""
+
+    def start(*arguments, **options):
+        command = [sys.executable, "-m", "orchid_uav", *map(str, arguments)]
+        return start_process(command, **options)
+
+    return start

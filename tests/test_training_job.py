@@ -277,27 +277,14 @@ class TestJob:
 
 
 @pytest.fixture
-def process(tmp_path):
+def process(tmp_path, start_process):
     """Starts the process of a job, under an executor or by hand."""
-    started = []
 
     def start(job, is_job, **streams):
         environment = os.environ | ({"ORCHID_JOB": "1"} if is_job else {})
-        child = subprocess.Popen(
-            job.as_job(tmp_path).command,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            env=environment,
-            **streams,
-        )
-        started.append(child)
-        return child
+        return start_process(job.as_job(tmp_path).command, env=environment, **streams)
 
-    yield start
-    for child in started:
-        child.kill()
-        child.communicate()
+    return start
 
 
 def until(condition, child):

@@ -5,12 +5,9 @@ from statistics import fmean
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import t, ttest_ind
 
 from orchid_uav.experiments.comparison import ALPHA, describe_seeds
-
-Floats = NDArray[np.floating]
 
 MARGIN = 0.05
 """Share of what the public learner gains over random play, set before the runs."""
@@ -80,10 +77,11 @@ def compare_arms(
     if min(len(one), len(other)) < 2:
         return found
     welch = ttest_ind(one, other, equal_var=False)
-    difference, error = float(one.mean() - other.mean()), _standard_error(one, other)
+    low, high = map(float, welch.confidence_interval(1.0 - 2.0 * ALPHA))
+    difference = float(one.mean() - other.mean())
+    error = (high - low) / 2.0 / t.isf(ALPHA, welch.df)
     margin = MARGIN * (float(other.mean()) - random_return)
     equivalence_p = float(t.sf((margin - abs(difference)) / error, welch.df))
-    least_margin = abs(difference) + error * float(t.isf(ALPHA, welch.df))
     if any(failed):
         verdict = "undecided"
     elif min(len(one), len(other)) < SEEDS_FOR_A_VERDICT:
@@ -96,14 +94,10 @@ def compare_arms(
         verdict = "undecided"
     return found | {
         "difference": difference,
-        "ci90": [float(end) for end in welch.confidence_interval(1.0 - 2.0 * ALPHA)],
+        "ci90": [low, high],
         "p_value": float(welch.pvalue),
         "margin": margin,
-        "least_margin": least_margin,
+        "least_margin": max(abs(low), abs(high)),
         "equivalence_p": equivalence_p,
         "verdict": verdict,
     }
-
-
-def _standard_error(one: Floats, other: Floats) -> float:
-    return float(np.sqrt(one.var(ddof=1) / len(one) + other.var(ddof=1) / len(other)))

@@ -86,8 +86,8 @@ def deterministic_policy(model: CentralizedTraining) -> Policy:
     return act
 
 
-def make_learner(name: str, seed: int, settings: Settings, **changes: Any) -> CentralizedTraining:
-    """One of the learners, ready to learn; ``changes`` are further arguments of it."""
+def make_learner(name: str, seed: int, settings: Settings) -> CentralizedTraining:
+    """One of the learners, ready to learn."""
     env = make_supersuit_vec_env(make_spread, settings.worlds, seed)
     steps = settings.frames_per_iteration // settings.worlds
     policy = {
@@ -115,7 +115,7 @@ def make_learner(name: str, seed: int, settings: Settings, **changes: Any) -> Ce
             "preactivation_penalty": 0.0,
             "episode_steps": STEPS,
         }
-        return MADDPG("JointCriticPolicy", env, **(shared | special | changes))
+        return MADDPG("JointCriticPolicy", env, **shared, **special)
     special = {
         "n_steps": steps,
         "batch_size": settings.minibatch_frames * AGENTS,
@@ -129,7 +129,8 @@ def make_learner(name: str, seed: int, settings: Settings, **changes: Any) -> Ce
     return MAPPO(
         "CentralizedCriticPolicy",
         LocalState(env) if name == "ippo" else env,
-        **(shared | special | changes),
+        **shared,
+        **special,
     )
 
 
