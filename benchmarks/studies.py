@@ -25,8 +25,8 @@ RESULTS = Path(__file__).parent / "results"
 DIGITS = 6
 PLANNER_BUDGETS = (31, 100, 300, 1000, 3000, 10000)
 PAPER_AND_BOUNDS = (
-    "orchid,orchid-no-rf,maddpg-pf,maddpg-mmf,static-pf,static-mmf,loiter-mmf,balanced-loiter,"
-    "planner"
+    "orchid,orchid-zero,orchid-no-rf,orchid-no-rf-zero,maddpg-pf,maddpg-pf-zero,maddpg-mmf,"
+    "maddpg-mmf-zero,static-pf,static-mmf,loiter-mmf,balanced-loiter,planner"
 )
 
 STUDIES: dict[str, tuple[str, ...]] = {

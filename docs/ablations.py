@@ -8,6 +8,7 @@ from typing import Any
 from docs.studies import FIGURES, ROOT, read, table
 from orchid_uav.cli.ablation_tables import KINDS, comparison_rows, signed, trigger_table
 from orchid_uav.experiments.ablation import FLOWN, SETTLED, TRAINED
+from orchid_uav.experiments.configuration import RunConfig, flatten
 from orchid_uav.experiments.metrics import METRICS, label_of
 from orchid_uav.experiments.run_directory import FINAL_EPISODES
 from orchid_uav.experiments.variants import BASE
@@ -201,33 +202,39 @@ def _source(document: Mapping[str, Any], name: str = NAME) -> str:
 
 def draw_ablations() -> list[Path]:
     """The learning curves, from the committed points of them."""
+    from matplotlib import style
     from matplotlib.figure import Figure
 
-    from orchid_uav.experiments.figures import looks_of
+    from orchid_uav.experiments.figure_style import PAGE_IN, STYLE, looks_of, set_ticks, setting_of
 
-    curves = read(NAME)["learning_curves"]
-    figure = Figure((9, 5.4), layout="constrained")
-    grid = figure.subplots(2, 3, sharex=True)
-    looks = looks_of(["orchid", "orchid-no-rf"])
-    labels = {BASE: ("with", looks["orchid"]), "no-rf": ("without", looks["orchid-no-rf"])}
+    document = read(NAME)
+    curves = document["learning_curves"]
+    looks = looks_of([BASE, "no-rf"])
+    labels = {BASE: "with Reset-and-Finetune", "no-rf": "without"}
     shown = [name for name in TRAINED if name != "coverage"]  # which is 1 throughout
-    for axes, name in zip(grid.flat, shown, strict=False):
-        scale = METRICS[name].scale
-        for group, (label, look) in labels.items():
-            curve = curves[group][name]
-            middle, low, high = (
-                [value * scale for value in curve[key]] for key in ("iqm", "low", "high")
-            )
-            axes.plot(curve["episodes"], middle, label=label, **(look | {"marker": ""}))
-            axes.fill_between(curve["episodes"], low, high, color=look["color"], alpha=0.2, lw=0)
-        axes.set_title(METRICS[name].heading, fontsize=10)
-        axes.grid(alpha=0.3)
-    for axes in grid[1]:
-        axes.set_xlabel("training episode")
-    grid[1, 2].axis("off")
-    handles = grid[0, 0].get_legend_handles_labels()
-    grid[1, 2].legend(*handles, loc="center", title="Reset-and-Finetune", fontsize=10)
-    figure.savefig(CURVES, dpi=130)
+    with style.context(["default", STYLE]):
+        figure = Figure((PAGE_IN, 4.4), layout="constrained")
+        figure.suptitle(setting_of([flatten(RunConfig(**document["settings"]["base"]))]))
+        grid = figure.subplots(2, 3, sharex=True)
+        for axes, name in zip(grid.flat, shown, strict=False):
+            scale = METRICS[name].scale
+            for turn, (group, label) in enumerate(labels.items()):
+                curve, look = curves[group][name], looks[group]
+                middle, low, high = (
+                    [value * scale for value in curve[key]] for key in ("iqm", "low", "high")
+                )
+                episodes = curve["episodes"]
+                axes.plot(episodes, middle, label=label, markevery=(5 * turn, 10), **look)
+                axes.fill_between(episodes, low, high, color=look["color"], alpha=0.2, lw=0)
+            axes.set_title(METRICS[name].heading)
+            set_ticks(axes.yaxis)
+        for axes in grid[1, :2]:
+            axes.set_xlabel("training episode")
+        grid[0, 2].tick_params(labelbottom=True)
+        grid[1, 2].axis("off")
+        handles = grid[0, 0].get_legend_handles_labels()
+        grid[1, 2].legend(*handles, loc="center")
+        figure.savefig(CURVES)
     return [CURVES]
 
 

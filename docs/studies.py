@@ -7,10 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.studies import PLANNER_BUDGETS
+from orchid_uav.experiments.configuration import flatten
 from orchid_uav.experiments.files import write_json
 from orchid_uav.experiments.methods import COMMANDS, RELEASED
 from orchid_uav.experiments.metrics import HEADLINE, HEADROOM, METRICS, label_of
 from orchid_uav.experiments.run_directory import read_episodes
+from orchid_uav.experiments.run_records import read_config, read_record
 
 ROOT = Path(__file__).parent.parent
 RESULTS = ROOT / "benchmarks" / "results"
@@ -26,7 +28,7 @@ README_METRICS = (
     *("utility", HEADROOM),
 )
 CURVES = ("reward", "energy_efficiency_bit_per_joule", "rate_jfi", "load_jfi")
-SMOOTHED_EPISODES = 50
+CURVE_WINDOW = 50
 FIGURE_SOURCES = FIGURES / "sources.json"
 
 Result = Mapping[str, Any]
@@ -296,31 +298,13 @@ def _digests(figure: Path) -> dict[str, str]:
 
 def draw_training(path: Path) -> None:
     """Training curves of the released policies."""
-    from matplotlib.figure import Figure
+    from orchid_uav.experiments.figure_style import setting_of
+    from orchid_uav.experiments.learning_curves import draw_learning_curves
 
-    from orchid_uav.experiments.figures import looks_of
-
-    figure = Figure((9, 5.4), layout="constrained")
-    grid = figure.subplots(2, 2, sharex=True)
-    looks = looks_of(COMMANDS)
-    for key in COMMANDS:
-        rows = read_episodes(REFERENCE / key / "episodes.csv")
-        for axes, metric in zip(grid.flat, CURVES, strict=True):
-            values = [row[metric] * METRICS[metric].scale for row in rows]
-            axes.plot(_smoothed(values), label=key, **(looks[key] | {"marker": ""}))
-            axes.set_title(METRICS[metric].heading, fontsize=10)
-            axes.grid(alpha=0.3)
-    for axes in grid[1]:
-        axes.set_xlabel("training episode")
-    figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=6)
-    figure.savefig(path, dpi=130)
-
-
-def _smoothed(values: Sequence[float]) -> list[float]:
-    return [
-        sum(values[max(0, end - SMOOTHED_EPISODES) : end]) / min(end, SMOOTHED_EPISODES)
-        for end in range(1, len(values) + 1)
-    ]
+    runs = {key: REFERENCE / key for key in COMMANDS}
+    groups = {key: [read_episodes(run / "episodes.csv")] for key, run in runs.items()}
+    title = setting_of(flatten(read_config(run, read_record(run))) for run in runs.values())
+    draw_learning_curves(groups, path, CURVES, CURVE_WINDOW, title=title)
 
 
 BLOCKS = {

@@ -263,7 +263,7 @@ def draw_validation() -> list[Path]:
     from orchid_uav.experiments.curves import group_curve
 
     document = read(NAME)
-    figure = Figure((9.5, 4.2), layout="constrained")
+    figure = Figure((9.5, 4.8), layout="constrained")
     for axes, (title, arms) in zip(figure.subplots(1, 2), PANELS.items(), strict=True):
         for arm in arms:
             frames = document["arms"][arm]["frames"]
@@ -284,17 +284,18 @@ def draw_validation() -> list[Path]:
         axes.axhline(document["baselines"]["random"], color="#999999", lw=0.8)
         axes.annotate(
             "random actions",
-            (0.0, document["baselines"]["random"]),
+            (1.0, document["baselines"]["random"]),
             xycoords=("axes fraction", "data"),
             textcoords="offset points",
-            xytext=(4, 3),
+            xytext=(-4, 3),
+            ha="right",
             fontsize=8,
             color="#777777",
         )
-        axes.set_title(title, fontsize=10)
+        axes.set_title(f"{title} on simple_spread", fontsize=10)
         axes.set_xlabel("frames (thousands)")
         axes.grid(alpha=0.3)
-        axes.legend(fontsize=8, loc="lower right", bbox_to_anchor=(1.0, 0.08))
+        axes.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.13), frameon=False)
     figure.axes[0].set_ylabel("return, mean over agents")
     figure.savefig(CURVES, dpi=130)
     return [CURVES]

@@ -22,6 +22,8 @@ from orchid_uav.experiments.ablation import (
     replayed_trigger,
     trained_values,
 )
+from orchid_uav.experiments.configuration import flatten
+from orchid_uav.experiments.contact_sheet import write_ablation_sheet
 from orchid_uav.experiments.curves import curve_table
 from orchid_uav.experiments.errors import InputError, RunFailedError
 from orchid_uav.experiments.evaluation import Plan, Progress
@@ -33,6 +35,7 @@ from orchid_uav.experiments.evaluation_files import (
     read_interrupted,
     run_evaluation,
 )
+from orchid_uav.experiments.figure_style import setting_of
 from orchid_uav.experiments.files import write_json
 from orchid_uav.experiments.jobs import Executor, Job, JobProgress
 from orchid_uav.experiments.learning_curves import draw_learning_curves
@@ -156,6 +159,10 @@ class AblationStudy:
             return None
         document = self._document(summary["results"])
         self._write(document)
+        with self._writing():
+            write_ablation_sheet(
+                self.directory, document, self.directory / CURVES_FILE, self._setting()
+            )
         return document
 
     def _write(self, document: Mapping[str, Any]) -> None:
@@ -212,7 +219,12 @@ class AblationStudy:
         }
         curves = {name: [rows for rows in own if rows] for name, own in logs.items()}
         with self._writing():
-            draw_learning_curves(curves, self.directory / CURVES_FILE, window=CURVE_WINDOW)
+            draw_learning_curves(
+                curves,
+                self.directory / CURVES_FILE,
+                window=CURVE_WINDOW,
+                title=self._setting(),
+            )
         own_keys = {key_of(name, seed) for name in names for seed in ablation.seeds}
         return self._header("failed" if self.waiting() else "completed") | {
             "runs": [self._describe_run(job, families) for job in self.training_jobs],
@@ -230,6 +242,10 @@ class AblationStudy:
             },
             "learning_curves": curve_table(curves, TRAINED, CURVE_WINDOW, CURVE_STEP),
         }
+
+    def _setting(self) -> str:
+        """What base and variants have of it in common."""
+        return setting_of(map(flatten, self.ablation.configurations().values()))
 
     def _describe_run(
         self, job: TrainingJob, families: Mapping[str, tuple[Mapping[str, Any], Any]]

@@ -251,10 +251,12 @@ def write_evaluation(
     with _told(directory):
         shutil.rmtree(directory / FIGURES_FOLDER, ignore_errors=True)
         if with_figures and document["results"]:
+            from orchid_uav.experiments.contact_sheet import write_evaluation_sheet
             from orchid_uav.experiments.figures import draw_figures
 
             with tempfile.TemporaryDirectory(prefix=".drawing-", dir=directory) as beside:
-                draw_figures(document["results"], Path(beside) / FIGURES_FOLDER)
+                figures = draw_figures(document["results"], Path(beside) / FIGURES_FOLDER)
+                write_evaluation_sheet(Path(beside) / FIGURES_FOLDER, document, figures)
                 (Path(beside) / FIGURES_FOLDER).rename(directory / FIGURES_FOLDER)
         write_json(directory / SUMMARY_FILE, document)
 

@@ -1,8 +1,8 @@
 """Figures of an evaluation, one for each metric, sized for a column or a page of a paper."""
 
+import itertools
 import math
-import textwrap
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,90 +11,39 @@ from matplotlib import style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
-from matplotlib.textpath import TextPath
-from matplotlib.ticker import MaxNLocator
 
-from orchid_uav.experiments.metrics import HEADROOM, METRICS, label_of
+from orchid_uav.experiments.figure_style import (
+    COLUMN_IN,
+    PAGE_IN,
+    SHIFT_PT,
+    STYLE,
+    base_of,
+    bounds_of,
+    clusters,
+    identity_marks,
+    is_rule,
+    legend_shape,
+    limits_of,
+    looks_of,
+    set_ticks,
+    setting_text,
+    shifted,
+    thicker_pt,
+    width_of,
+    wrap,
+)
+from orchid_uav.experiments.metrics import METRICS, label_of
 
 Results = Sequence[Mapping[str, Any]]
 
-COLUMN_IN, PAGE_IN = 3.5, 7.16
-"""Widths of a column and of a page of an IEEE paper."""
 MOST_LINES = 8
 """In a panel, besides one to compare with. More methods get further rows of panels."""
 
 _DIMENSIONS = {"uavs": "UAVs", "users": "users", "speed_mps": "users' greatest speed (m/s)"}
 _SETTINGS = ("distribution", *_DIMENSIONS, "heading_hold_s")
-_SHARES = {"coverage", "rate_jfi", "load_jfi", "gbs_coverage"}
-_SIGNED = {"utility", HEADROOM, "reward"}
-_UNBREAKABLE = "\N{NO-BREAK SPACE}"
-
-# Okabe and Ito's colours without yellow, too faint for lines; and grey.
-_BLUE, _SKY, _VERMILLION, _ORANGE = "#0072B2", "#56B4E9", "#D55E00", "#E69F00"
-_GREEN, _PURPLE, _BLACK, _GREY = "#009E73", "#CC79A7", "#000000", "#7F7F7F"
-_SOLID, _DASHED, _LONG = (0, ()), (0, (4, 1.5)), (0, (8, 2))
-_DOT, _TWO_DOTS = (0, (5, 1.5, 1, 1.5)), (0, (5, 1.5, 1, 1.5, 1, 1.5))
-_TWO_DASHES, _SPARSE = (0, (4, 1.5, 4, 1.5, 1, 1.5)), (0, (1.5, 2.5))
-_TWIN_LINE, _SAMPLED_LINE = (0, (1, 1)), (0, (2, 1))
-
-_Look = tuple[str, Any, Any]
-"""Colour, marker and line style."""
-_LEARNED: dict[str, _Look] = {
-    "orchid": (_BLUE, "o", _SOLID),
-    "orchid-no-rf": (_SKY, "s", _DASHED),
-    "orchid-pf": (_ORANGE, "^", _DOT),
-    "orchid-random-init": (_VERMILLION, "D", _TWO_DOTS),
-    "maddpg-pf": (_GREEN, "v", _LONG),
-    "maddpg-mmf": (_PURPLE, "p", _TWO_DASHES),
-}
-_RULES: dict[str, _Look] = {
-    "static-pf": (_BLACK, "X", _SPARSE),
-    "static-mmf": (_GREY, "P", _DASHED),
-    "static-pf-full-power": (_SKY, "X", _TWO_DOTS),
-    "static-mmf-full-power": (_ORANGE, "P", _TWO_DASHES),
-    "loiter-mmf": (_VERMILLION, "<", _LONG),
-    "loiter-pf": (_PURPLE, ">", _DOT),
-    "balanced-loiter": (_SKY, "h", _DASHED),
-    "balanced-loiter-retargeted": (_PURPLE, "h", _TWO_DOTS),
-    "track": (_GREEN, "d", _SPARSE),
-    "planner": (_ORANGE, "*", _LONG),
-    "planner-retargeted": (_VERMILLION, "*", _DOT),
-}
 _HOVER = ("static-pf", "static-mmf")
-_HOLLOW = ("-zero", "-full-power", "-retargeted")
-# Lengths without a common divisor: it takes long until a run looks like another.
-_RUN_COLOURS = (_PURPLE, _GREEN, _VERMILLION, _ORANGE, _SKY, _GREY, _BLACK)
-_RUN_MARKERS = ((4, 1, 0), (6, 1, 0), "8", (3, 1, 0), "H")
-_RUN_LINES = (_LONG, _DASHED, _DOT, _TWO_DOTS, _TWO_DASHES, _SPARSE)
-
-STYLE = {
-    "axes.axisbelow": True,
-    "axes.formatter.useoffset": False,
-    "axes.grid": True,
-    "axes.labelsize": 8,
-    "axes.linewidth": 0.6,
-    "axes.spines.right": False,
-    "axes.spines.top": False,
-    "axes.titlesize": 8,
-    "figure.labelsize": 6.5,
-    "figure.titlesize": 8,
-    "figure.titleweight": "bold",
-    "grid.color": "#E4E4E4",
-    "grid.linewidth": 0.5,
-    "legend.fontsize": 7,
-    "legend.frameon": False,
-    "legend.columnspacing": 1.2,
-    "legend.handlelength": 3.2,
-    "lines.linewidth": 1.1,
-    "lines.markeredgewidth": 0.8,
-    "lines.markersize": 4.5,
-    "savefig.dpi": 200,
-    "svg.fonttype": "none",
-    "svg.hashsalt": "orchid",
-    "text.parse_math": False,
-    "xtick.labelsize": 7,
-    "ytick.labelsize": 7,
-}
+_MOST_SHIFT_PT = 16.0
+"""From the first to the last of markers at the same place."""
 
 
 def draw_figures(
@@ -158,8 +107,7 @@ class _Sheet:
         self.heading = METRICS[metric].heading
         self.dimension = _longest_dimension(results)
         self.looks = looks_of(label_of(result) for result in results)
-        self.objectives = {label_of(result): result["objective"] for result in results}
-        self.episodes = {result["episodes"] for result in results}
+        self.topologies = {result["episodes"] for result in results}
         self.curves: dict[str, _Curve] = {}
         """By the method's label, in the order of the results."""
         names = [name for name in _SETTINGS if name != self.dimension]
@@ -170,62 +118,113 @@ class _Sheet:
                 curve = self.curves.setdefault(label_of(result), {})
                 curve[panel, place] = _shown(metric, result[metric])
         self.panels = sorted({panel for curve in self.curves.values() for panel, _ in curve})
-        self.titles = _titles(names, self.panels)
+        self.title, self.titles = _titles(names, self.panels)
+        self.places = sorted({place for curve in self.curves.values() for _, place in curve})
+        values = [value for curve in self.curves.values() for value in curve.values()]
+        self.low = min((value.low for value in values), default=0.0)
+        self.high = max((value.high for value in values), default=0.0)
+        self.has_spread = any(value.low < value.high for value in values)
 
     def draw_lines(self) -> Figure:
-        """Panels by setting side by side, by family of methods below each other."""
-        twins = self._hovering_twins()
-        families = _families([label for label in self.curves if label not in twins])
+        """A block for each family of methods, in it panels by setting side by side."""
+        marks, identities = identity_marks(self._identical())
+        texts = {label: f"{label} {marks.get(label, '')}".strip() for label in self.looks}
+        families = _families(list(self.curves))
         columns = _columns(len(self.panels))
-        rows = math.ceil(len(self.panels) / columns)
-        width_in = COLUMN_IN if columns == 1 else PAGE_IN
-        panel_in = min(2.0, max(1.5, 0.55 * width_in / columns))
-        legends = [legend_shape(labels, width_in) for _, labels in families]
-        heights_in = [rows * (panel_in + 0.2) + 0.14 * lines + 0.4 for lines, _ in legends]
-        figure = self._begin_figure("Band", twins, width_in, sum(heights_in))
-        blocks = figure.subfigures(len(families), squeeze=False, height_ratios=heights_in)[:, 0]
+        across = min(len(families), 2) if columns == 1 else 1
+        width_in = COLUMN_IN if columns * across == 1 else PAGE_IN
+        block_in = width_in / across
+        panel_in = 2.3 if across == 2 else min(2.0, max(1.5, 0.55 * block_in / columns))
+        legends = [legend_shape([texts[label] for label in own], block_in) for _, own in families]
+        rows_in = math.ceil(len(self.panels) / columns) * (panel_in + 0.2)
+        heights_in = [
+            rows_in + 0.14 * max(lines for lines, _ in legends[begin : begin + across]) + 0.4
+            for begin in range(0, len(legends), across)
+        ]
+        figure = self._begin_figure("Band", identities, width_in, sum(heights_in))
+        grid = figure.add_gridspec(len(heights_in), across, height_ratios=heights_in)
         first: Axes | None = None
-        for block, (title, labels), (_, count) in zip(blocks, families, legends, strict=True):
+        for number, (title, labels) in enumerate(families):
+            block = figure.add_subfigure(grid[divmod(number, across)])
             ylabel = wrap(self.heading, panel_in)
             panels = self._add_panels(
-                block, columns, width_in, first, _DIMENSIONS[self.dimension or ""], ylabel
+                block, columns, block_in, first, _DIMENSIONS[self.dimension or ""], ylabel
             )
             for axes, panel in zip(panels, self.panels, strict=True):
-                for label in labels:
-                    self._draw_line(axes, label, panel)
+                self._draw_curves(axes, labels, panel, panel_in, block_in / columns)
             first = first or panels[0]
             block.suptitle(title)
-            handles = [Line2D([], [], label=label, **self.looks[label]) for label in labels]
-            block.legend(handles=handles, loc="outside lower center", ncols=count)
+            handles = [Line2D([], [], label=texts[label], **self.looks[label]) for label in labels]
+            begin = number - number % across
+            lines = max(lines for lines, _ in legends[begin : begin + across])
+            blanks = lines * legends[number][1] - len(handles)  # panels of a row are of one height
+            handles += [Line2D([], [], label=" ", linestyle="none")] * max(0, blanks)
+            block.legend(handles=handles, loc="outside lower center", ncols=legends[number][1])
         assert first is not None
-        places = sorted({place for curve in self.curves.values() for _, place in curve})
-        first.set_xticks(_far_apart(places, 9 if columns < 3 else 5))
-        first.set_ylim(*_within_bounds(self.metric, first.get_ylim()))
-        first.yaxis.set_major_locator(round_ticks())
+        first.set_xticks(_far_apart(self.places, 9 if columns < 3 else 5))
+        room = 0.07 * (self.places[-1] - self.places[0])
+        first.set_xlim(self.places[0] - room, self.places[-1] + room)
+        first.set_ylim(*limits_of(self.metric, self.low, self.high, first.get_ylim()))
+        set_ticks(first.yaxis)
         return figure
 
-    def _draw_line(self, axes: Axes, label: str, panel: _Setting) -> None:
-        points = sorted(
-            (place, *value)
-            for (where, place), value in self.curves[label].items()
-            if where == panel
-        )
-        if not points:
-            return
-        places, means, lows, highs = zip(*points, strict=True)
-        look = self.looks[label]
+    def _draw_curves(
+        self, axes: Axes, labels: Sequence[str], panel: _Setting, height_in: float, width_in: float
+    ) -> None:
+        """Side by side where markers would hide each other; of equal lines the lower is thicker."""
+        own = {
+            label: {place: value for (where, place), value in self.curves[label].items()
+                    if where == panel}
+            for label in labels
+        }  # fmt: skip
+        marker = STYLE["lines.markersize"] / 72 / height_in * (self.high - self.low)
+        apart_pt = 0.8 * 72 * width_in / max(1, len(self.places) - 1)
+
+        def close(one: str, other: str, markers: float) -> list[bool]:
+            """Whether two are less than so many markers' heights apart, place by place."""
+            shared = [place for place in own[one] if place in own[other]]
+            means = [(own[one][place].mean, own[other][place].mean) for place in shared]
+            return [math.isclose(*pair, abs_tol=markers * marker) for pair in means]
+
+        def hides(one: str, other: str) -> bool:
+            found = close(one, other, 0.5)
+            return 2 * sum(found) >= max(1, len(found))
+
+        def coincides(one: str, other: str) -> bool:
+            return all(close(one, other, 0.25))
+
+        shown = [label for label in labels if own[label]]
+        for cluster in clusters(shown, hides):
+            count = len(cluster)
+            step_pt = min(SHIFT_PT, _MOST_SHIFT_PT / max(1, count - 1), 0.6 * apart_pt / count)
+            lines = {label: same for same in clusters(cluster, coincides) for label in same}
+            for turn, label in enumerate(cluster):
+                same = lines[label]
+                thicker = thicker_pt(same.index(label), len(same))
+                look = self.looks[label] | {
+                    "transform": shifted(axes, turn, count, step_pt),
+                    "linewidth": STYLE["lines.linewidth"] + thicker,
+                }
+                self._draw_line(axes, label, own[label], look)
+
+    def _draw_line(
+        self, axes: Axes, label: str, curve: Mapping[float, _Value], look: Mapping[str, Any]
+    ) -> None:
+        places = sorted(curve)
+        means, lows, highs = zip(*(curve[place] for place in places), strict=True)
         axes.plot(places, means, label=label, **look)
         axes.fill_between(places, lows, highs, color=look["color"], alpha=0.1, linewidth=0)
-        if len(points) == 1:  # a band has no width there
-            axes.vlines(places, lows, highs, colors=look["color"], alpha=0.5)
+        if len(places) == 1:  # a band has no width there
+            bar = {"colors": look["color"], "transform": look["transform"]}
+            axes.vlines(places, lows, highs, alpha=0.5, **bar)
 
     def draw_dots(self) -> Figure:
         """A method a row."""
         columns = min(3, len(self.panels))
-        names_in = 0.3 + max(map(_width_in, self.curves))
+        names_in = 0.3 + max(map(width_of, self.curves))
         width_in = max(PAGE_IN if columns > 1 else COLUMN_IN, names_in + 1.7 * columns)
         height_in = math.ceil(len(self.panels) / columns) * (0.4 + 0.15 * len(self.curves)) + 0.4
-        figure = self._begin_figure("Bar", {}, width_in, height_in)
+        figure = self._begin_figure("Bar", [], width_in, height_in)
         xlabel = wrap(self.heading, (width_in - names_in) / columns)
         panels = self._add_panels(figure, columns, width_in - names_in, None, xlabel, "")
         for axes, panel in zip(panels, self.panels, strict=True):
@@ -235,27 +234,26 @@ class _Sheet:
                     look = self.looks[label] | {"linestyle": "none"}
                     axes.hlines(row, low, high, colors=look["color"], alpha=0.6)
                     axes.plot([mean], [row], label=label, **look)
-        panels[0].set_xlim(*_within_bounds(self.metric, panels[0].get_xlim()))
+        panels[0].set_xlim(*limits_of(self.metric, self.low, self.high, panels[0].get_xlim()))
         panels[0].set_ylim(len(self.curves) - 0.5, -0.5)
         panels[0].set_yticks(range(len(self.curves)), list(self.curves))
-        panels[0].xaxis.set_major_locator(round_ticks())
+        set_ticks(panels[0].xaxis)
         return figure
 
     def _begin_figure(
-        self, mark: str, twins: Mapping[str, str], width_in: float, height_in: float
+        self, mark: str, identities: Sequence[str], width_in: float, height_in: float
     ) -> Figure:
-        """An empty figure with its footnote."""
+        """An empty figure with its title and footnote."""
         sentences = []
-        values = (value for curve in self.curves.values() for value in curve.values())
-        if any(value.low < value.high for value in values):
-            over = f" over {max(self.episodes)} episodes" if len(self.episodes) == 1 else ""
+        if self.has_spread:
+            count = max(self.topologies)
+            over = f" over {count} topologies" if len(self.topologies) == 1 and count > 1 else ""
             sentences.append(f"{mark}: ±1 standard deviation{over}.")
-        for static in dict.fromkeys(twins.values()):
-            names = ", ".join(label for label, same in twins.items() if same == static)
-            sentences.append(f"Not drawn, the same as {static}: {names}.")
-        footnote = wrap(" ".join(sentences), width_in, 6.5)
-        height_in += 0.12 * (1 + footnote.count("\n"))
+        footnote = wrap(" ".join([*sentences, *identities]), width_in, 6.5)
+        title = wrap(self.title, width_in)
+        height_in += 0.12 * (1 + footnote.count("\n")) + 0.15 * (1 + title.count("\n"))
         figure = Figure((width_in, height_in), layout="constrained")
+        figure.suptitle(title)
         figure.supxlabel(footnote, x=0.01, ha="left")
         return figure
 
@@ -283,22 +281,24 @@ class _Sheet:
             panels.append(axes)
         return panels
 
-    def _hovering_twins(self) -> dict[str, str]:
-        """The static method by the twin of the same objective that does as it does."""
-        twins = {}
-        for label, curve in self.curves.items():
-            static = f"static-{self.objectives[label]}"
-            hover = self.curves.get(static, {})
-            if label.endswith("-zero") and all(
-                place in hover and all(map(math.isclose, value, hover[place]))
-                for place, value in curve.items()
-            ):
-                twins[label] = static
-        return twins
+    def _identical(self) -> dict[str, list[list[str]]]:
+        """By a panel's title, methods in clusters of those that do the same there."""
+        found = {}
+        for title, panel in zip(self.titles, self.panels, strict=True):
+            own = {
+                label: [(place, value) for (where, place), value in curve.items() if where == panel]
+                for label, curve in self.curves.items()
+            }
 
+            def same(one: str, other: str, own: Mapping[str, Any] = own) -> bool:
+                pairs = zip(own[one], own[other], strict=False)
+                return len(own[one]) == len(own[other]) and all(
+                    place == there and all(map(math.isclose, value, another))
+                    for (place, value), (there, another) in pairs
+                )
 
-def _base(label: str) -> str:
-    return label.removesuffix(", sampled").removesuffix("-zero")
+            found[title] = clusters([label for label in own if own[label]], same)
+        return found
 
 
 def _longest_dimension(results: Results) -> str | None:
@@ -307,45 +307,25 @@ def _longest_dimension(results: Results) -> str | None:
     return longest if counts[longest] > 1 else None
 
 
-def _bounds(metric: str) -> tuple[float, float]:
-    """Between which a stored value lies."""
-    return -math.inf if metric in _SIGNED else 0.0, 1.0 if metric in _SHARES else math.inf
-
-
 def _shown(metric: str, summary: Mapping[str, Any]) -> _Value:
     scale = METRICS[metric].scale
     mean, std = summary["mean"], summary["std"] or 0.0
-    least, greatest = _bounds(metric)
+    least, greatest = bounds_of(metric)
     return _Value(mean * scale, max(mean - std, least) * scale, min(mean + std, greatest) * scale)
 
 
-def _within_bounds(metric: str, limits: tuple[float, float]) -> tuple[float, float]:
-    """Limits of an axis that leave the values that cannot be no more room than a marker takes."""
-    margin = 0.03 * (limits[1] - limits[0])
-    least, greatest = (bound * METRICS[metric].scale for bound in _bounds(metric))
-    return max(limits[0], least - margin), min(limits[1], greatest + margin)
-
-
-def _titles(names: Sequence[str], panels: Sequence[_Setting]) -> list[str]:
-    """What tells each panel from the others."""
-    differing = [i for i in range(len(names)) if len({panel[i] for panel in panels}) > 1]
-    return [
-        ", ".join(_text(names[i], panel[i]).replace(" ", _UNBREAKABLE) for i in differing)
-        for panel in panels
-    ]
-
-
-def _text(name: str, value: Any) -> str:
-    """A setting in a title."""
-    match name:
-        case "distribution":
-            return "clustered users" if value == "tcp" else f"{value} users"
-        case "speed_mps":
-            return f"up to {value:g} m/s" if value else "users at rest"
-        case "heading_hold_s":
-            return f"heading held for {value:g} s"
-        case _:
-            return f"{value} {_DIMENSIONS[name]}" if value != 1 else f"1 {_DIMENSIONS[name][:-1]}"
+def _titles(names: Sequence[str], panels: Sequence[_Setting]) -> tuple[str, list[str]]:
+    """The setting that all panels have, and what tells each from the others."""
+    differing = {names[at] for at in range(len(names)) if len({panel[at] for panel in panels}) > 1}
+    settings = [dict(zip(names, panel, strict=True)) for panel in panels]
+    shared, own = (
+        [
+            setting_text({name: setting[name] for name in names if (name in differing) == is_own})
+            for setting in settings
+        ]
+        for is_own in (False, True)
+    )
+    return shared[0] if shared else "", own
 
 
 def _columns(panels: int) -> int:
@@ -362,73 +342,37 @@ def _far_apart(places: Sequence[float], most: int) -> list[float]:
     return chosen
 
 
-def round_ticks() -> MaxNLocator:
-    """Few ticks at round numbers."""
-    return MaxNLocator(6, steps=[1, 2, 2.5, 5, 10])
-
-
-def _width_in(text: str) -> float:
-    """In the size of a legend."""
-    return TextPath((0, 0), text, size=7).get_extents().width / 72
-
-
-def wrap(text: str, width_in: float, points: float = 8) -> str:
-    """Text in lines of a width, in type of so many points."""
-    width = max(1, int(120 * width_in / points))
-    wrapped = textwrap.fill(text, width, break_long_words=False, break_on_hyphens=False)
-    return wrapped.replace(_UNBREAKABLE, " ")
-
-
-def legend_shape(labels: Sequence[str], width_in: float) -> tuple[int, int]:
-    """Lines and columns: as few lines as there is room for."""
-    widths_in = [0.55 + _width_in(label) for label in labels]
-    for lines in range(1, len(labels)):
-        columns = math.ceil(len(labels) / lines)
-        # The way matplotlib fills columns.
-        if sum(map(max, np.array_split(widths_in, columns))) <= width_in:
-            return lines, columns
-    return len(labels), 1
-
-
-def looks_of(labels: Iterable[str]) -> dict[str, dict[str, Any]]:
-    """How methods are drawn: the built-in ones always the same, runs in order of appearance."""
-    looks = {}
-    runs: dict[str, int] = {}
-    for label in labels:
-        base = _base(label)
-        known = _LEARNED.get(base) or _RULES.get(base)
-        turn = 0 if known else runs.setdefault(base, len(runs))
-        choices = _RUN_COLOURS, _RUN_MARKERS, _RUN_LINES
-        colour, marker, line = known or (choice[turn % len(choice)] for choice in choices)
-        look = {"color": colour, "marker": marker, "linestyle": line}
-        if marker == "*" or isinstance(marker, tuple):  # stars have little area
-            look["markersize"] = 6.5
-        if label.endswith(_HOLLOW):
-            look["markerfacecolor"] = "white"
-        if label.endswith("-zero"):
-            look["linestyle"] = _TWIN_LINE
-        if label.endswith(", sampled"):
-            look |= {"linestyle": _SAMPLED_LINE, "markerfacecolor": "#D0D0D0"}
-        looks[label] = look
-    return looks
-
-
 def _families(labels: Sequence[str]) -> list[tuple[str, list[str]]]:
-    """Titles and methods of the rows of panels, each with one of the other family to compare."""
+    """Titles and methods of the rows of panels, each with one of the other family to compare.
+
+    A policy, its twin and its sampled actions are in one row.
+    """
     if len(labels) <= MOST_LINES:
         return [("", list(labels))]
-    rules = [label for label in labels if _base(label) in _RULES]
+    rules = [label for label in labels if is_rule(label)]
     learned = [label for label in labels if label not in rules]
     hover = next((label for label in _HOVER if label in rules), "")
+    has_twins = any(label.endswith("-zero") for label in learned)
     families = []
     for title, own, reference in (
-        ("Learned policies", learned, hover),
+        ("Learned policies" + " and their zero-action twins" * has_twins, learned, hover),
         ("Rules and planners", [] if rules == [hover] else rules, "orchid"),
     ):
-        parts = math.ceil(len(own) / MOST_LINES)
-        size = math.ceil(len(own) / max(parts, 1))
-        for part in range(parts):
-            shown = {*own[part * size : (part + 1) * size], reference}
-            suffix = f" ({part + 1} of {parts})" if parts > 1 else ""
-            families.append((title + suffix, [label for label in labels if label in shown]))
+        kin = clusters(own, lambda one, other: base_of(one) == base_of(other))
+        parts = _parts(kin)
+        for number, part in enumerate(parts, start=1):
+            shown = [*part, *(label for label in labels if label == reference)]
+            suffix = f" ({number} of {len(parts)})" if len(parts) > 1 else ""
+            families.append((title + suffix, shown))
     return families
+
+
+def _parts(kin: Sequence[list[str]]) -> list[list[str]]:
+    """Labels in as few parts as there is room for, kin together."""
+    count = math.ceil(sum(map(len, kin)) / MOST_LINES)
+    while True:
+        cut = np.linspace(0, len(kin), count + 1).round().astype(int)
+        parts = [[*itertools.chain(*kin[begin:end])] for begin, end in itertools.pairwise(cut)]
+        if count >= len(kin) or max(map(len, parts)) <= MOST_LINES:
+            return parts
+        count += 1

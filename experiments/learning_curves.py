@@ -2,9 +2,11 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from matplotlib import style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -24,13 +26,18 @@ from orchid_uav.experiments.curves import (
     single_curve,
     smoothed,
 )
-from orchid_uav.experiments.figures import (
+from orchid_uav.experiments.figure_style import (
     COLUMN_IN,
     PAGE_IN,
     STYLE,
+    clusters,
+    identity_marks,
     legend_shape,
+    limits_of,
     looks_of,
-    round_ticks,
+    set_ticks,
+    shifted,
+    thicker_pt,
     wrap,
 )
 from orchid_uav.experiments.metrics import METRICS
@@ -52,6 +59,7 @@ def draw_learning_curves(
     columns: Sequence[str] = DEFAULT_COLUMNS,
     window: int = WINDOW,
     marks: bool = True,
+    title: str = "",
 ) -> None:
     """Write a figure; the same rows give the same bytes.
 
@@ -64,6 +72,7 @@ def draw_learning_curves(
         columns: of the rows, a panel each.
         window: episodes of the trailing mean.
         marks: whether ticks at the bottom show the episodes after which the optimizer was reset.
+        title: what the runs were trained in.
 
     Raises:
         OSError: the file cannot be written.
@@ -74,36 +83,62 @@ def draw_learning_curves(
     if not shown or not columns:
         raise ValueError("there is nothing to draw: no episodes, or no columns")
     with style.context(["default", STYLE]):
-        figure = _Sheet(shown, columns, window, marks).draw()
+        figure = _Sheet(shown, columns, window, marks, title).draw()
         figure.savefig(path, metadata=_without_date(path))
 
 
 class _Sheet:
     """What the figure shows."""
 
-    def __init__(self, groups: Groups, columns: Sequence[str], window: int, marks: bool) -> None:
+    def __init__(
+        self, groups: Groups, columns: Sequence[str], window: int, marks: bool, title: str
+    ) -> None:
         self.groups = groups
         self.columns = columns
         self.window = window
         self.longest = max(len(rows) for runs in groups.values() for rows in runs)
-        # Along a line of hundreds of episodes, dashes are noise.
-        self.looks = {name: look | {"linestyle": "-"} for name, look in looks_of(groups).items()}
+        self.every = max(1, self.longest // _MARKERS)
+        """Episodes from one marker to the next."""
+        self.title = title
+        self.looks = looks_of(groups)
+        self.curves = {
+            column: {name: self._curves(runs, column) for name, runs in groups.items()}
+            for column in columns
+        }
+        """Of every group one, or one of each run."""
         self.resets = {
             name: [row["episode"] for rows in runs for row in rows if row.get("reset") == 1.0]
             for name, runs in groups.items()
             if marks
         }
 
+    def _curves(self, runs: Sequence[Sequence[Row]], column: str) -> list[Curve]:
+        if len(runs) >= MIN_RUNS:
+            return [group_curve(runs, column, self.window)]
+        return [single_curve(rows, column, self.window) for rows in runs]
+
     def draw(self) -> Figure:
-        """Panels in rows, the legend and a footnote below."""
+        """Panels in rows, the title above, the legend and a footnote below."""
+        identical = {
+            METRICS[column].title if column in METRICS else heading_of(column): clusters(
+                self.groups, partial(self._are_identical, column)
+            )
+            for column in self.columns
+        }
+        marks, identities = identity_marks(identical)
         across = len(self.columns) if len(self.columns) < 3 else 2 + (len(self.columns) > 4)
         rows = math.ceil(len(self.columns) / across)
         width_in = COLUMN_IN if across == 1 else PAGE_IN
-        labels = {name: self._label(name) for name in self.groups}
+        labels = {
+            name: f"{self._label(name)} {marks.get(name, '')}".strip() for name in self.groups
+        }
         lines, count = legend_shape(list(labels.values()), width_in)
-        footnote = wrap(" ".join(self._footnotes()), width_in, 6.5)
+        footnote = wrap(" ".join([*self._footnotes(), *identities]), width_in, 6.5)
+        title = wrap(self.title, width_in)
         height_in = rows * (_PANEL_IN + 0.2) + 0.14 * lines + 0.12 * footnote.count("\n") + 0.45
+        height_in += 0.15 * (1 + title.count("\n")) * bool(title)
         figure = Figure((width_in, height_in), layout="constrained")
+        figure.suptitle(title)
         figure.supxlabel(footnote, x=0.01, ha="left")
         block = figure.subfigures(1, 1, squeeze=False)[
             0, 0
@@ -118,28 +153,28 @@ class _Sheet:
             axes.set_xlabel("episode" if is_lowest else "")
             axes.tick_params(bottom=is_lowest, labelbottom=is_lowest)
         assert first is not None
-        first.set_xlim(0, max(self.longest, 2))
+        first.set_xlim(0, 1.03 * max(self.longest, 2))  # a marker at the end is not cut off
         first.xaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 2.5, 5, 10], integer=True))
         handles = [Line2D([], [], label=labels[name], **look) for name, look in self.looks.items()]
         block.legend(handles=handles, loc="outside lower center", ncols=count)
         return figure
 
     def _draw_panel(self, axes: Axes, column: str) -> None:
-        for number, (name, runs) in enumerate(self.groups.items()):
-            look = self.looks[name]
-            if len(runs) >= MIN_RUNS:
-                curve = group_curve(runs, column, self.window)
-                assert curve.band is not None
-                axes.fill_between(
-                    curve.episodes, *curve.band, color=look["color"], alpha=0.15, linewidth=0
-                )
-                self._draw_line(axes, curve, look, number)
-            else:
-                thin = {"linewidth": 0.6} if len(runs) > 1 else {}
-                for turn, rows in enumerate(runs):
-                    hidden = {"marker": ""} if turn else {}
-                    curve = single_curve(rows, column, self.window)
-                    self._draw_line(axes, curve, look | thin | hidden, number)
+        for number, name in enumerate(self.groups):
+            look, curves = self.looks[name], self.curves[column][name]
+            same = [one for one in self.groups if self._are_identical(column, one, name)]
+            turn, count = same.index(name), len(same)
+            width = 0.6 if len(curves) > 1 else STYLE["lines.linewidth"]
+            drawn: dict[str, Any] = {"linewidth": width + thicker_pt(turn, count)}
+            if count > self.every:  # no place is left for the markers of each
+                drawn["transform"] = shifted(axes, turn, count)
+            for nth, curve in enumerate(curves):
+                if curve.band is not None:
+                    axes.fill_between(
+                        curve.episodes, *curve.band, color=look["color"], alpha=0.15, linewidth=0
+                    )
+                marked = self._marked(curve, number, only_lone=nth > 0)
+                axes.plot(curve.episodes, curve.values, markevery=marked, **look, **drawn)
             episodes = self.resets.get(name, [])
             heights = [0.02 + 0.035 * number] * len(episodes)
             axes.plot(
@@ -152,17 +187,33 @@ class _Sheet:
                 scalex=False,
                 scaley=False,
             )
-        low, high = axes.get_ylim()
-        least = 10.0 ** -METRICS[column].digits if column in METRICS else 0.0
-        if high - low < least:  # differences that no table shows shall not fill a panel either
-            axes.set_ylim((low + high - least) / 2, (low + high + least) / 2)
-        axes.yaxis.set_major_locator(round_ticks())
+        low, high = axes.dataLim.intervaly
+        axes.set_ylim(*limits_of(column, low, high, axes.get_ylim()))
+        set_ticks(axes.yaxis)
 
-    def _draw_line(self, axes: Axes, curve: Curve, look: Mapping[str, Any], number: int) -> None:
-        """With a few markers, a part of their distance further on for each group."""
-        every = max(1, self.longest // _MARKERS)
-        begin = number * every // len(self.groups)
-        axes.plot(curve.episodes, curve.values, markevery=(begin, every), **look)
+    def _are_identical(self, column: str, one: str, other: str) -> bool:
+        pairs = zip(self.curves[column][one], self.curves[column][other], strict=False)
+        return len(self.groups[one]) == len(self.groups[other]) and all(
+            np.array_equal(mine.episodes, theirs.episodes)
+            and np.allclose(mine.values, theirs.values, rtol=1e-9, atol=0.0, equal_nan=True)
+            for mine, theirs in pairs
+        )
+
+    def _marked(self, curve: Curve, number: int, only_lone: bool) -> list[int]:
+        """A few places, a part of their distance further on for each group, and lone points.
+
+        A point without neighbours has no line: it shows by its marker alone.
+        """
+        known = np.isfinite(curve.values)
+        beside = np.pad(known, 1)
+        lone = known & ~beside[:-2] & ~beside[2:]
+        if only_lone:
+            return np.flatnonzero(lone).tolist()
+        chosen = np.zeros_like(known)
+        chosen[number * self.every // len(self.groups) :: self.every] = True
+        if not (chosen & known).any():
+            chosen[np.flatnonzero(known)[-1:]] = True
+        return np.flatnonzero(chosen | lone).tolist()
 
     def _label(self, name: str) -> str:
         runs = len(self.groups[name])

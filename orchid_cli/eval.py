@@ -133,7 +133,9 @@ def evaluate(
             print_table(console(), ["method", "what it is"], rows)
             return
         from orchid_uav.cli.evaluation_display import evaluation_progress
+        from orchid_uav.experiments.contact_sheet import SHEET_FILE
         from orchid_uav.experiments.evaluation_files import (
+            FIGURES_FOLDER,
             describe_plan,
             make_default_directory,
             read_interrupted,
@@ -175,6 +177,8 @@ def evaluate(
             again = shlex.join([*command, *([] if out else ["--out", str(directory)])])
             print_line(console(stderr=True), f"interrupted; this goes on: {again}")
             raise typer.Exit(INTERRUPTED)
+        if figures:
+            print_line(shown, f"figures: {directory / FIGURES_FOLDER / SHEET_FILE}")
         print_line(shown, f"completed: {directory}")
 
 

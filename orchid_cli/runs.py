@@ -57,6 +57,16 @@ SmoothOption = Annotated[
     int,
     typer.Option(min=1, help="Episodes of the trailing mean.", rich_help_panel=_CURVES),
 ]
+FigureOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--out",
+        metavar="FILE",
+        help="Draw the learning curves there as well: .png, .svg or .pdf.",
+        rich_help_panel=OUTPUT_PANEL,
+        show_default=False,
+    ),
+]
 
 
 @app.callback(invoke_without_command=True)
@@ -152,24 +162,29 @@ def show(
     runs_dir: RunsDirOption = Path("runs"),
     metric: MetricOption = None,
     smooth: SmoothOption = 20,
+    out_file: FigureOption = None,
     as_json: JsonOption = False,
     debug: DebugOption = False,
 ) -> None:
     """Show all that is known of a run, and its learning curve.
 
-    Example: orchid runs show 20261122T2112 --metric rate_jfi
+    Example: orchid runs show 20261122T2112 --metric rate_jfi --out curve.png
     """
     with failing_well(debug):
         from orchid_uav.experiments.run_index import details
 
         (found,) = _read([run], runs_dir)
-        metrics = _metrics(metric) or [_TERMINAL_METRIC]
+        metrics = _metrics(metric)
+        if out_file is not None:
+            _draw([found], out_file, metrics, smooth)
         if as_json:
-            _print_json(**details(found))
+            _print_json(**details(found), figure=None if out_file is None else str(out_file))
             return
         out = console()
         print_run(out, found)
-        print_curves(out, [found], metrics, smooth)
+        print_curves(out, [found], metrics or [_TERMINAL_METRIC], smooth)
+        if out_file is not None:
+            print_line(out, f"figure: {out_file}")
 
 
 @app.command()
@@ -178,16 +193,7 @@ def compare(
     runs_dir: RunsDirOption = Path("runs"),
     metric: MetricOption = None,
     smooth: SmoothOption = 20,
-    out_file: Annotated[
-        Path | None,
-        typer.Option(
-            "--out",
-            metavar="FILE",
-            help="Draw the learning curves there as well: .png, .svg or .pdf.",
-            rich_help_panel=OUTPUT_PANEL,
-            show_default=False,
-        ),
-    ] = None,
+    out_file: FigureOption = None,
     as_json: JsonOption = False,
     debug: DebugOption = False,
 ) -> None:
@@ -199,8 +205,11 @@ def compare(
         from orchid_uav.experiments.run_index import differences
 
         found = _read(runs, runs_dir)
-        if len(found) < 2:
-            raise InputError(f"there is nothing to compare {found[0].id} with: name another run")
+        if len(found) < 2 and out_file is None:
+            raise InputError(
+                f"there is nothing to compare {found[0].id} with: name another run, "
+                "or --out FILE to draw the curves of this one"
+            )
         metrics = _metrics(metric)
         if out_file is not None:
             _draw(found, out_file, metrics, smooth)
@@ -362,6 +371,7 @@ def _metrics(given: str | None) -> list[str]:
 
 def _draw(runs: "list[Run]", path: Path, metrics: list[str], window: int) -> None:
     from orchid_uav.experiments.curves import DEFAULT_COLUMNS
+    from orchid_uav.experiments.figure_style import setting_of
     from orchid_uav.experiments.files import expanded
     from orchid_uav.experiments.learning_curves import FORMATS, draw_learning_curves
     from orchid_uav.experiments.run_index import read_log
@@ -372,8 +382,10 @@ def _draw(runs: "list[Run]", path: Path, metrics: list[str], window: int) -> Non
     if not any(rows.values()):
         raise InputError("there is nothing to draw: none of the runs has an episode")
     groups = {run: [found] for run, found in rows.items()}
+    title = setting_of(run.config for run in runs)
+    columns = metrics or DEFAULT_COLUMNS
     try:
-        draw_learning_curves(groups, expanded(path), metrics or DEFAULT_COLUMNS, window)
+        draw_learning_curves(groups, expanded(path), columns, window, title=title)
     except OSError as error:
         raise RunFailedError(f"cannot write {path}: {error.strerror or error}") from error
 

@@ -183,7 +183,7 @@ def print_comparison(out: Console, runs: Sequence["Run"]) -> None:
         ["episodes", *(_cells(run, ["episodes"])[0] for run in runs)],
     ]
     _print(out, ["", *names], [*states, *rows])
-    if not rows:
+    if not rows and len(runs) > 1:
         print_line(out, "the configurations are the same")
     print_line(out, "")
     _print_figures(out, runs, names)

@@ -476,11 +476,14 @@ class TestFinished:
         assert {path.name for path in finished.path.iterdir()} == {
             "ablation.json",
             "learning_curves.png",
+            "index.html",
             "runs",
             "jobs",
             "evaluation",
         }
         assert (finished.path / "learning_curves.png").read_bytes().startswith(b"\x89PNG")
+        page = (finished.path / "index.html").read_text(encoding="utf-8")
+        assert '<img src="learning_curves.png"' in page and "base, no-rf" in page
         for name, seed in (("base", 0), ("base", 1), ("no-rf", 0), ("no-rf", 1)):
             record = record_of(run_of(finished.path, name, seed))
             assert record["status"] == "completed"

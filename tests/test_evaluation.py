@@ -3,8 +3,10 @@
 import hashlib
 import json
 import os
+import re
 import shutil
 import signal
+from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -246,9 +248,18 @@ def test_tables_have_a_column_per_setting_and_mark_the_best(evaluate_tiny):
 
 
 def test_figures_are_drawn_in_both_formats(evaluate_tiny, tmp_path):
-    assert evaluate_tiny("--methods=static-mmf", "--uavs=2,3", "--out=out").code == 0
-    names = {path.name for path in (tmp_path / "work/out/figures").iterdir()}
+    finished = evaluate_tiny("--methods=static-mmf", "--uavs=2,3", "--out=out")
+    assert finished.code == 0
+    folder = tmp_path / "work/out/figures"
+    names = {path.name for path in folder.iterdir()}
     assert {"rate_jfi.png", "rate_jfi.svg", "blocking_pairs.svg"} <= names
+    page = Path("out/figures/index.html")
+    assert finished.out.splitlines()[-2:] == [f"figures: {page}", "completed: out"]
+    text = (folder / page.name).read_text(encoding="utf-8")
+    assert {f"{name.removesuffix('.png')}" for name in names if name.endswith(".png")} == set(
+        re.findall(r'<img src="(\w+).png"', text)
+    )
+    assert "<code>orchid eval" in text and "--uavs=2,3" in text
 
 
 def test_goes_to_a_directory_of_its_own_by_default(evaluate_tiny, tmp_path):

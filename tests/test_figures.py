@@ -1,15 +1,23 @@
 """The figures that an evaluation writes."""
 
+import html
+import itertools
 import math
+import re
 import zlib
 
 import matplotlib as mpl
+import matplotlib.image
 import numpy as np
 import pytest
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_hex
 
-from orchid_uav.experiments.figures import COLUMN_IN, MOST_LINES, draw_figures, draw_metric
+from orchid_uav.envs.parameters import Parameters
+from orchid_uav.experiments.contact_sheet import write_evaluation_sheet
+from orchid_uav.experiments.evaluation import SETTING_KEYS
+from orchid_uav.experiments.figure_style import COLUMN_IN, looks_of, setting_of
+from orchid_uav.experiments.figures import MOST_LINES, draw_figures, draw_metric
 from orchid_uav.experiments.methods import RELEASED, known_methods
 from orchid_uav.experiments.metrics import HEADROOM, METRICS
 
@@ -78,9 +86,14 @@ SHAPES = {
 }
 
 
-def legends(figure):
+def legends(figure, with_marks=False):
+    """Labels of each block, without the marks of identical curves unless they are asked for."""
     return [
-        [text.get_text() for text in legend.get_texts()]
+        [
+            text.get_text() if with_marks else text.get_text().partition(" [")[0]
+            for text in legend.get_texts()
+            if text.get_text().strip()
+        ]
         for block in figure.subfigs
         for legend in block.legends
     ]
@@ -206,6 +219,39 @@ class TestLines:
         assert " ".join(titles[0].split()) == "clustered users, heading held for 1 s"
         assert " ".join(titles[3].split()) == "uniform users, heading held for 20 s"
 
+    @pytest.mark.parametrize(
+        ("settings", "title"),
+        [
+            ({"uavs": (1, 2, 3)}, "100 clustered users at rest"),
+            ({"users": (20, 60), "uavs": [1]}, "1 UAV, clustered users at rest"),
+            ({"uavs": [6], "distribution": ["uniform"]}, "6 UAVs, 100 uniform users at rest"),
+            (
+                {"speed_mps": (0.0, 5.0), "heading_hold_s": [20.0]},
+                "4 UAVs, 100 clustered users, heading held for 20 s",
+            ),
+            (
+                {"uavs": (2, 4), "users": [1], "speed_mps": [2.5]},
+                "1 clustered user, up to 2.5 m/s, heading held for 1 s",
+            ),
+            ({"uavs": (2, 4, 6), "distribution": ("tcp", "uniform")}, "100 users at rest"),
+        ],
+    )
+    def test_the_title_is_the_setting_that_all_panels_have(self, settings, title):
+        figure = draw_metric(results(FEW, **settings), "utility")
+        assert " ".join(figure.get_suptitle().split()) == title
+
+    def test_the_setting_of_configurations_is_what_an_evaluation_calls_so(self):
+        given = dict(zip(SETTING_KEYS, ("uniform", 3, 20, 2.0, 5.0), strict=True))
+        assert setting_of([given]).replace("\N{NO-BREAK SPACE}", " ") == (
+            "3 UAVs, 20 uniform users, up to 2 m/s, heading held for 5 s"
+        )
+        other = given | {"network.uav_count": 4, "network.user_speed_mps": 0.0}
+        assert "UAV" not in setting_of([given, other])
+
+    def test_the_spread_is_over_topologies(self):
+        footnote = draw_metric(SHAPES["UAVs"], "utility").get_supxlabel()
+        assert footnote.endswith("over 100 topologies.")
+
     def test_panels_have_the_same_axes(self):
         figure = draw_metric(SHAPES["UAVs, all methods"], "coverage")
         assert len({axes.get_ylim() for axes in figure.axes}) == 1
@@ -239,6 +285,31 @@ class TestLines:
         for metric, least in (("reward", -4.0), ("collisions", 0.0)):
             (axes,) = draw_metric(shape, metric).axes
             assert np.concatenate(bands(axes))[:, 1].min() == least
+
+    @pytest.mark.parametrize(
+        ("metric", "value", "least", "greatest"),
+        [
+            ("coverage", 1.0, 0.9, 1.01),
+            ("backhaul_violations", 0.0, -0.05, 0.5),
+            ("reward", -300.0, -330.0, -270.0),
+            ("worst_rate_bps", 5e6, 4.5, 5.5),
+        ],
+    )
+    @pytest.mark.parametrize("settings", [{"uavs": (2, 4)}, {}])
+    def test_what_does_not_differ_is_not_looked_at_through_a_microscope(
+        self, metric, value, least, greatest, settings
+    ):
+        shape = results(FEW, **settings)
+        for turn, one in enumerate(shape):
+            one[metric] = {"mean": value * (1 - 1e-9 * turn), "std": 0.0, "ci95": None}
+        figure = draw_metric(shape, metric)
+        figure.draw_without_rendering()
+        axis = figure.axes[0].yaxis if settings else figure.axes[0].xaxis
+        low, high = sorted(axis.get_view_interval())
+        assert least <= low < high <= greatest
+        assert high - low > 0.04 * max(abs(value * METRICS[metric].scale), 1)
+        assert axis.get_offset_text().get_text() == ""
+        assert all(len(label.get_text()) <= 5 for label in axis.get_ticklabels())
 
     def test_missing_means_are_left_out(self):
         (axes,) = draw_metric(SHAPES["UAVs"], "nearest_uav_m").axes
@@ -275,37 +346,79 @@ class TestFamilies:
 
     def test_many_methods_get_a_row_a_family_with_one_of_the_other(self, figure):
         assert [block.get_suptitle() for block in figure.subfigs] == [
-            "Learned policies",
+            "Learned policies and their zero-action twins (1 of 2)",
+            "Learned policies and their zero-action twins (2 of 2)",
             "Rules and planners (1 of 2)",
             "Rules and planners (2 of 2)",
         ]
-        learned, *rules = legends(figure)
-        twins = ["orchid-random-init-zero"]
-        assert set(learned) == {*RELEASED, *twins, RUN, "static-pf"}
-        assert all("orchid" in shown for shown in rules)
-        assert all(len(shown) <= MOST_LINES + 1 for shown in [learned, *rules])
-        for shown in (learned, *rules):
-            assert shown == [label for label in ALL if label in shown]
+        shown = legends(figure)
+        learned, rules = shown[:2], shown[2:]
+        policies = {*RELEASED, RUN}
+        twins = {f"{policy}-zero" for policy in policies}
+        assert {label for part in learned for label in part} == policies | twins | {"static-pf"}
+        assert all("static-pf" in part for part in learned)
+        assert all("orchid" in part for part in rules)
+        assert all(len(part) <= MOST_LINES + 1 for part in shown)
+        assert {label for part in shown for label in part} == set(ALL)
 
-    def test_every_method_is_drawn_or_in_the_footnote(self, figure):
-        drawn = {label for shown in legends(figure) for label in shown}
+    def test_a_twin_is_drawn_beside_its_policy(self, figure):
+        for part in legends(figure):
+            for place, label in enumerate(part):
+                if label.endswith("-zero"):
+                    assert part[place - 1] == label.removesuffix("-zero")
+
+    def test_the_legend_says_which_are_identical(self, figure):
+        marks: dict[str, set[str]] = {}
+        for label in [label for part in legends(figure, with_marks=True) for label in part]:
+            method, _, mark = label.partition(" ")
+            marks.setdefault(mark, set()).add(method)
+        same = {"": set(), "static-mmf": set(), "static-pf": set()}
+        for method in ALL:
+            same[hovers_as(method) if hovers_as(method) in same else ""].add(method)
+        del marks[""]
+        assert sorted(map(sorted, marks.values())) == sorted(
+            sorted(methods) for name, methods in same.items() if name
+        )
         footnote = " ".join(figure.get_supxlabel().split())
-        left_out = [label for label in ALL if label not in drawn]
-        assert (
-            f"the same as static-pf: {', '.join(n for n in left_out if '-pf-' in n)}." in footnote
-        )
-        assert f"the same as static-mmf: {', '.join(n for n in left_out if '-pf-' not in n)}." in (
-            footnote
-        )
-        assert all(label.endswith("-zero") for label in left_out)
+        for mark, methods in marks.items():
+            names = footnote.partition(f"{mark} Identical, drawn on each other: ")[2]
+            assert set(names.partition(".")[0].split(", ")) == methods
 
-    def test_a_twin_that_does_otherwise_is_drawn(self):
-        shape = results(("orchid", "orchid-zero", "static-mmf"), uavs=(2, 4))
-        assert legends(draw_metric(shape, "utility")) == [["orchid", "static-mmf"]]
-        shape[1]["utility"]["mean"] += 0.1
+    def test_what_is_identical_in_some_panels_is_said_of_them(self):
+        shape = results(("orchid", "track", "planner"), uavs=(2, 4, 6), speed_mps=(0.0, 5.0))
+        for one in shape:
+            if one["method"] == "track" and one["speed_mps"] == 0.0:
+                one["utility"] = next(
+                    other["utility"]
+                    for other in shape
+                    if (other["method"], other["uavs"]) == ("orchid", one["uavs"])
+                )
         figure = draw_metric(shape, "utility")
-        assert legends(figure) == [["orchid", "orchid-zero", "static-mmf"]]
-        assert "orchid-zero" not in figure.get_supxlabel()
+        assert legends(figure, with_marks=True) == [["orchid", "track", "planner"]]
+        footnote = " ".join(figure.get_supxlabel().split())
+        assert footnote.endswith("Identical in users at rest: orchid, track.")
+
+    @pytest.mark.parametrize("difference", [0.0, 1e-4])
+    def test_curves_that_lie_on_each_other_are_all_seen(self, difference):
+        methods = ("static-mmf", "orchid-zero", "maddpg-mmf-zero", "balanced-loiter", "planner")
+        shape = results(methods, uavs=range(4, 11))
+        for turn, one in enumerate(shape):
+            if one["method"] != "planner":
+                one["utility"] = {"mean": 1.0 + difference * (turn % 2), "std": 0.0, "ci95": None}
+        figure = draw_metric(shape, "utility")
+        figure.draw_without_rendering()
+        (axes,) = figure.axes
+        lines = [curves(axes)[method] for method in methods[:-1]]
+        places = np.array([line.get_transform().transform(line.get_xydata()) for line in lines])
+        points = places[:, :, 0] * 72 / figure.dpi
+        for one, other in itertools.combinations(points, 2):
+            assert (np.abs(one - other) > 2.5).all(), "a marker hides another"
+        shifts = points - points.mean(axis=0)
+        assert (np.abs(shifts) < 0.5 * np.diff(points.mean(axis=0)).min()).all()
+        widths = [line.get_linewidth() for line in lines]
+        assert widths == sorted(widths, reverse=True) and len(set(widths)) == len(widths)
+        for line in lines:  # the data themselves are as they are
+            np.testing.assert_array_equal(line.get_xdata(), range(4, 11))
 
     def test_a_twin_without_its_static_method_is_drawn(self):
         shape = results(("orchid", "orchid-zero", "static-pf"), uavs=(2, 4))
@@ -371,13 +484,37 @@ class TestLooks:
         lines = [look[3] for label, look in found.items() if label in RELEASED]
         assert len(set(lines)) == len(lines)
 
-    def test_runs_get_theirs_in_order_of_appearance(self):
+    def test_of_a_method_does_not_depend_on_what_else_is_drawn(self):
+        together = looks_of(ALL)
+        for label in ALL:
+            assert looks_of([label])[label] == together[label]
+        assert looks_of(["base", "no-rf"]) == {
+            "base": together["orchid"],
+            "no-rf": together["orchid-no-rf"],
+        }
+
+    def test_runs_differ_and_their_order_does_not_matter(self):
         runs = [RUN.replace("s0", f"s{seed}") for seed in range(15)]
         found = looks(draw_metric(results(runs, uavs=(2, 4)), "utility"))
         assert len(set(found.values())) == 15
         with_others = results(("orchid", *runs[::-1]), uavs=(2, 4))
         others = looks(draw_metric(with_others, "utility"))
-        assert [others[run] for run in runs[::-1]] == [found[run] for run in runs]
+        assert [others[run] for run in runs[::-1]] == [found[run] for run in runs[::-1]]
+
+    @pytest.mark.parametrize("trait", ["color", "marker", "linestyle"])
+    def test_few_runs_share_nothing(self, trait):
+        runs = [
+            RUN.replace("abcd", letters) for letters in ("abcd", "zknc", "bvqf", "niyg", "rekq")
+        ]
+        assert len({str(look[trait]) for look in looks_of(runs).values()}) == 5
+
+    def test_most_runs_look_the_same_alone_and_beside_another(self):
+        runs = [RUN.replace("s0", f"s{seed}") for seed in range(30)]
+        kept = [
+            looks_of([one, other])[one] == looks_of([one])[one]
+            for one, other in itertools.pairwise(runs)
+        ]
+        assert sum(kept) > 15
 
     def test_a_run_keeps_its_look_where_an_earlier_one_was_not_measured(self):
         runs = [RUN, RUN.replace("s0", "s1")]
@@ -414,3 +551,87 @@ class TestPlaces:
             assert not any(box.overlaps(other) for other in [*boxes, *outside[:index]])
         for index, box in enumerate(boxes):
             assert not any(box.overlaps(other) for other in boxes[:index])
+
+
+def document_of(flown, command=("orchid", "eval"), status="completed", **world):
+    """An evaluation's summary, as far as its page shows it."""
+    network = Parameters().model_dump(mode="json")
+    network["network"] |= {"user_count": 77} | world
+    return {
+        "status": status,
+        "date": "2026-11-26",
+        "command": list(command),
+        "versions": {"orchid_uav": "9.8.7"},
+        "results": flown,
+        "settings": {
+            "methods": [{"method": name} for name in dict.fromkeys(r["method"] for r in flown)],
+            "distributions": ["tcp", "uniform"],
+            "uavs": [4, 6],
+            "users": [77],
+            "speeds_mps": [0.0],
+            "heading_hold_s": [1.0],
+            "episodes": 100,
+            "seed": 31,
+            "world": network,
+        },
+    }
+
+
+class TestContactSheet:
+    @pytest.fixture
+    def page(self, tmp_path):
+        """Calls write the page of an evaluation beside its figures, and give its text."""
+
+        def write(metrics=("utility", "collisions"), **options):
+            flown = results(FEW, uavs=(4, 6))
+            figures = draw_figures(flown, tmp_path, metrics)
+            write_evaluation_sheet(tmp_path, document_of(flown, **options), figures)
+            return (tmp_path / "index.html").read_text(encoding="utf-8")
+
+        return write
+
+    def test_shows_and_links_every_figure_beside_it_and_nothing_else(self, page, tmp_path):
+        text = page(tuple(METRICS))
+        pictures = re.findall(r'<img src="([^"]+)"', text)
+        assert pictures == [f"{metric}.png" for metric in METRICS]
+        linked = set(re.findall(r'href="([^"#]+)"', text))
+        assert linked == {path.name for path in tmp_path.iterdir()} - {"index.html"}
+        inside = re.findall(r'href="#([^"]+)"', text)
+        assert inside == re.findall(r'<article id="([^"]+)"', text) == list(METRICS)
+        assert not re.search(r"https?:|//|@import|url\(|<script|<link", text)
+
+    def test_every_metric_has_a_question_of_its_own(self, page):
+        questions = re.findall(r"<h3>([^<]+)</h3>", page(tuple(METRICS)))
+        assert len(set(questions)) == len(METRICS)
+        assert all(question.endswith("?") for question in questions)
+        assert not any(question.startswith("How do the methods differ") for question in questions)
+
+    def test_says_what_was_evaluated(self, page):
+        text = html.unescape(re.sub(r"<[^>]+>", "", page(slot_s=2.0)))
+        for words in (
+            "UAVs: 4, 6; users: 77, clustered and uniform; at rest",
+            "the paper's parameters, but network.slot_s = 2.0\n",
+            "100 for each setting, seed 31, the same for all methods",
+            "orchid, maddpg-pf, static-mmf, planner",
+            "2026-11-26 by orchid 9.8.7",
+            "Which method is best in the paper's own objective?",
+            "Lower is better.",
+        ):
+            assert words in text
+        assert "not everything" not in text
+
+    def test_of_an_interrupted_evaluation_says_so(self, page):
+        assert "Interrupted: not everything that was planned" in page(status="interrupted")
+
+    def test_what_others_wrote_is_text(self, page):
+        command = ["orchid", "eval", "--out", "<script>alert('x')</script>&amp;\udc80\u202e"]
+        text = page(command=command)
+        assert "<script" not in text and "<code>orchid eval --out" in text
+        shown = html.unescape(re.search(r"<code>(.*?)</code>", text, re.DOTALL).group(1))
+        assert "<script>alert(" in shown and "&amp;" in shown and "\\udc80" in shown
+
+    def test_pictures_have_their_size_and_a_description(self, page, tmp_path):
+        text = page(("utility",))
+        width, height = map(int, re.search(r'width="(\d+)" height="(\d+)"', text).groups())
+        assert mpl.image.imread(tmp_path / "utility.png").shape[:2] == (height, width)
+        assert re.search(r'alt="Which method is best[^"]+Higher is better."', text)

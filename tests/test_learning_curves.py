@@ -6,13 +6,14 @@ import statistics
 import zlib
 
 import matplotlib as mpl
+import matplotlib.image
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PolyCollection
-from matplotlib.colors import to_hex
+from matplotlib.colors import to_hex, to_rgb
 from rich.console import Console
 
 from orchid_uav.experiments import learning_curves
@@ -24,6 +25,7 @@ from orchid_uav.experiments.curves import (
     single_curve,
     smoothed,
 )
+from orchid_uav.experiments.figure_style import looks_of
 from orchid_uav.experiments.learning_curves import draw_learning_curves
 from orchid_uav.experiments.terminal_curves import (
     Line,
@@ -208,7 +210,13 @@ def noisy(seed, episodes=30, resets=()):
 
 def lines_of(axes):
     """Drawn curves, without ticks of resets."""
-    return [line for line in axes.lines if line.get_linestyle() == "-"]
+    return [line for line in axes.lines if line.get_marker() != "|"]
+
+
+def pixels(path, colour):
+    """How many pixels of a picture have a colour."""
+    picture = mpl.image.imread(path)[:, :, :3]
+    return int((np.abs(picture - to_rgb(colour)).max(axis=2) < 0.02).sum())
 
 
 class TestFigure:
@@ -241,6 +249,106 @@ class TestFigure:
             assert len({line.get_color() for line in few}) == 1
             assert all(line.get_linewidth() < one.get_linewidth() for line in few)
             assert not axes.collections
+
+    def test_a_run_looks_as_it_does_in_an_evaluation(self, drawn):
+        for labels in (["orchid"], ["maddpg-pf", "20261122T211505Z-orchid-s0-zknc"]):
+            figure, _ = drawn({label: [noisy(0)] for label in labels}, columns=["reward"])
+            for line, look in zip(lines_of(figure.axes[0]), looks_of(labels).values(), strict=True):
+                assert line.get_color() == look["color"]
+                assert line.get_marker() == look["marker"]
+                dashes = mpl.lines.Line2D([], [], linestyle=look["linestyle"])
+                assert line._unscaled_dash_pattern == dashes._unscaled_dash_pattern
+
+    @pytest.mark.parametrize("episodes", [1, 2])
+    @pytest.mark.parametrize("others", [0, 200])
+    def test_a_run_of_an_episode_or_two_is_seen(self, drawn, episodes, others):
+        groups = {"orchid": [noisy(0, others)]} if others else {}
+        _, without = drawn(groups | {"static-pf": [noisy(1, others or 9)]}, "without.png")
+        groups |= {"maddpg-pf": [noisy(1, episodes)]}
+        figure, path = drawn(groups, columns=["reward"])
+        line = lines_of(figure.axes[0])[-1]
+        legend = 150  # pixels of the line's sample there
+        assert pixels(without, line.get_color()) == 0
+        assert pixels(path, line.get_color()) > legend + 50 * (1 + (episodes > 1 and not others))
+        assert len(line.get_markevery()) >= 1
+        assert all(0 <= place < episodes for place in line.get_markevery())
+
+    def test_points_without_neighbours_are_seen(self, drawn):
+        values = [1.0, *[math.nan] * 9, 2.0, *[math.nan] * 9, *[3.0] * 80]
+        for runs in ([values], [[0.0] * 100, values]):
+            figure, _ = drawn(
+                {"one": [run_of(one) for one in runs]}, columns=["rate_jfi"], window=1
+            )
+            assert {0, 10} <= set(lines_of(figure.axes[0])[-1].get_markevery())
+
+    @pytest.mark.parametrize(
+        ("column", "value", "least", "greatest"),
+        [
+            ("coverage", 1.0, 0.9, 1.01),
+            ("collisions", 0.0, -0.01, 0.5),
+            ("reward", -300.0, -330.0, -270.0),
+            ("actor_lr", 3e-4, 2e-4, 4e-4),
+            ("critic_lr", 3e-9, 2e-9, 4e-9),
+            ("entropy_coef", 0.0, -1.0, 1.0),
+        ],
+    )
+    def test_a_constant_has_an_axis_of_numbers_that_can_be_read(
+        self, drawn, column, value, least, greatest
+    ):
+        rows = run_of([value * (1 + 1e-9 * at) for at in range(30)], column)
+        figure, _ = drawn({"one": [rows]}, columns=[column])
+        (axes,) = figure.axes
+        low, high = axes.get_ylim()
+        assert least <= low < high <= greatest
+        assert high - low > 0.04 * max(abs(value), 1e-9)
+        assert axes.yaxis.get_offset_text().get_text() == ""
+        texts = [
+            label.get_text().replace("\N{MINUS SIGN}", "-") for label in axes.get_yticklabels()
+        ]
+        assert len(set(texts)) == len(texts) and all(len(text) <= 8 for text in texts)
+        assert [float(text) for text in texts] == pytest.approx(list(axes.get_yticks()), rel=1e-6)
+
+    def test_values_that_cannot_be_get_no_room(self, drawn):
+        rows = run_of([0.2 + 0.8 * (at > 3) for at in range(30)], "coverage")
+        figure, _ = drawn({"one": [rows]}, columns=["coverage"], window=1)
+        assert 1.0 < figure.axes[0].get_ylim()[1] < 1.05
+
+    def test_identical_runs_are_both_seen_and_named(self, drawn):
+        groups = {"maddpg-mmf": [noisy(0, 200)], "maddpg-pf": [noisy(0, 200)], "x": [noisy(1)]}
+        figure, path = drawn(groups, columns=["reward", "rate_jfi"])
+        (legend,) = [legend for block in figure.subfigs for legend in block.legends]
+        texts = [text.get_text() for text in legend.get_texts()]
+        assert texts == ["maddpg-mmf [1]", "maddpg-pf [1]", "x"]
+        footnote = " ".join(figure.get_supxlabel().split())
+        assert "[1] Identical, drawn on each other: maddpg-mmf, maddpg-pf." in footnote
+        alone = drawn({"maddpg-mmf": [noisy(0, 200)]}, columns=["reward", "rate_jfi"])[1]
+        colour = looks_of(["maddpg-mmf"])["maddpg-mmf"]["color"]
+        alone_pixels = pixels(alone, colour)
+        drawn(groups, columns=["reward", "rate_jfi"])
+        assert pixels(path, colour) > 0.5 * alone_pixels
+
+    @pytest.mark.parametrize("episodes", [1, 2])
+    def test_markers_of_short_identical_runs_lie_side_by_side(self, drawn, episodes):
+        groups = {name: [noisy(0, episodes)] for name in ("base", "no-rf", "x")}
+        figure, _ = drawn(groups, columns=["reward"])
+        places = [
+            line.get_transform().transform(line.get_xydata())[0, 0] * 72 / figure.dpi
+            for line in lines_of(figure.axes[0])
+        ]
+        assert (np.diff(places) > 3).all()
+
+    def test_what_is_identical_in_one_panel_is_said_of_it(self, drawn):
+        one = noisy(0)
+        other = [row | {"reward": row["reward"] + 1.0} for row in one]
+        figure, _ = drawn({"a": [one], "b": [other]}, columns=["reward", "coverage"])
+        footnote = " ".join(figure.get_supxlabel().split())
+        assert footnote.endswith("Identical in coverage: a, b.")
+        (legend,) = [legend for block in figure.subfigs for legend in block.legends]
+        assert [text.get_text() for text in legend.get_texts()] == ["a", "b"]
+
+    def test_the_title_is_above_the_panels(self, drawn):
+        figure, _ = drawn({"one": [noisy(0)]}, title="6 UAVs, 100 clustered users at rest")
+        assert figure.get_suptitle() == "6 UAVs, 100 clustered users at rest"
 
     def test_every_figure_has_a_panel_with_its_unit(self, drawn):
         figure, _ = drawn({"one": [noisy(0)]})

@@ -452,6 +452,24 @@ class TestShow:
         curve = text[text.index("reward, trailing") :].splitlines()
         assert all(len(line) <= 90 for line in curve)
 
+    def test_draws_the_curve_of_one_run(self, orchid, runs, tmp_path):
+        path = make_run(runs, episodes=1, config={"network__uav_count": 7})
+        target = tmp_path / "curve.svg"
+        for command, extra in (("show", []), ("compare", ["--json"])):
+            finished = orchid(
+                "runs", command, path.name, "--runs-dir", runs, "--out", target, *extra
+            )
+            assert (finished.code, finished.err) == (0, "")
+            if extra:
+                assert json.loads(finished.out)["figure"] == str(target)
+            else:
+                assert finished.out.splitlines()[-1] == f"figure: {target}"
+            text = target.read_text()
+            assert f">{path.name}<" in text and ">7 UAVs, " in text
+            target.unlink()
+        finished = orchid("runs", "show", path.name, "--runs-dir", runs, "--json")
+        assert json.loads(finished.out)["figure"] is None
+
     def test_of_one_that_can_go_on_says_how(self, orchid, runs):
         path = make_run(runs, status="interrupted", log=rows(1))
         finished = orchid("runs", "show", path.name, "--runs-dir", runs, "--json")
@@ -475,7 +493,8 @@ class TestShow:
             (["show", "20990101"], ["no run '20990101'"]),
             (["show", "{run}", "--metric", "rate_jfy"], ["rate_jfy", "did you mean 'rate_jfi'"]),
             (["show", "{run}", "--smooth", "0"], ["--smooth"]),
-            (["compare", "{run}"], ["name another run"]),
+            (["compare", "{run}"], ["name another run", "--out FILE"]),
+            (["show", "{run}", "--out", "x.gif"], ["x.gif", ".png"]),
             (["compare", "{run}", "{run}"], ["given twice"]),
             (["compare", "{run}", "{other}", "--out", "x.gif"], ["x.gif", ".png"]),
             (["compare", "{run}", "20990101"], ["no run '20990101'"]),
