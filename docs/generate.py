@@ -12,6 +12,8 @@ from annotated_types import Ge, Gt, Le, Lt
 from pydantic.fields import FieldInfo
 
 from docs.ablations import ABLATION_BLOCKS, draw_ablations
+from docs.deployments import draw_deployment
+from docs.findings import FINDING_BLOCKS
 from docs.studies import BLOCKS, draw_studies, record_sources
 from docs.validations import VALIDATION_BLOCKS, draw_validation
 from orchid_uav.experiments.configuration import RunConfig, unit_of
@@ -95,7 +97,8 @@ def pages() -> dict[Path, str]:
         ROOT / "docs" / "configuration.md": configuration_page(),
         ROOT / "docs" / "performance.md": render(),
     }
-    for name, (path, content) in {**BLOCKS, **ABLATION_BLOCKS, **VALIDATION_BLOCKS}.items():
+    blocks = {**BLOCKS, **ABLATION_BLOCKS, **VALIDATION_BLOCKS, **FINDING_BLOCKS}
+    for name, (path, content) in blocks.items():
         text = texts.get(path) or path.read_text(encoding="utf-8")
         texts[path] = replace_block(text, name, content())
     return texts
@@ -106,7 +109,8 @@ def main() -> None:
     for path, text in pages().items():
         path.write_text(text, encoding="utf-8")
         print(f"wrote {path.relative_to(ROOT)}")
-    for path in [*draw_studies(), *draw_ablations(), *draw_validation(), record_sources()]:
+    drawn = [draw_deployment(), *draw_studies(), *draw_ablations(), *draw_validation()]
+    for path in [*drawn, record_sources()]:
         print(f"wrote {path.relative_to(ROOT)}")
 
 

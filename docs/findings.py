@@ -1,0 +1,159 @@
+"""What the results say in five points, and the examples, as blocks of pages."""
+
+import textwrap
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from docs.ablations import CONTROLS, NAME
+from docs.studies import ROOT, read
+from orchid_uav.experiments.ablation import BASE
+from orchid_uav.experiments.methods import RELEASED
+from orchid_uav.experiments.metrics import HEADROOM
+
+WIDTH = 104
+_LANGUAGES = {".toml": "toml", ".py": "python"}
+
+
+def findings_block() -> str:
+    """The numbers are the documents', the words were written to them, and fail where they lie."""
+    flown = {
+        (result["method"], result["deterministic"]): result for result in read("methods")["results"]
+    }
+    points = (
+        _learning(flown),
+        _noise(flown),
+        _rules(flown),
+        _reset(),
+        "**A faulty learner is hardly the cause.** On a public task (MPE2's `simple_spread`) this "
+        "project's MAPPO reaches the return of BenchMARL's, a public library's, within a margin "
+        "set before, its MADDPG is not shown to be lower, and on one batch both compute "
+        "BenchMARL's numbers. [Beside public implementations](docs/validation.md)",
+    )
+    lines = [
+        textwrap.fill(f"{number}. {point}", WIDTH, subsequent_indent="   ", break_on_hyphens=False)
+        for number, point in enumerate(points, 1)
+    ]
+    return "\n".join(lines)
+
+
+def _learning(flown: Mapping[tuple[str, bool], Mapping[str, Any]]) -> str:
+    own, twin = (flown[name, True]["utility"]["mean"] for name in ("orchid", "orchid-zero"))
+    gains = [
+        flown[key, True]["utility"]["mean"] - flown[f"{key}-zero", True]["utility"]["mean"]
+        for key in RELEASED
+    ]
+    _check(max(gains) < 0.0, "no released policy is better than its twin")
+    base = _gains(NAME, BASE)
+    better = [f"{gain:.3f}" for gain in base if gain > 0.0]
+    resets = [f"{gain:.3f}" for gain in _gains(CONTROLS, "reset-only") if gain > 0.0]
+    _check((len(better), len(resets)) == (1, 2), "one seed and two of the control are better")
+    return (
+        "**The trained policies are no better than doing nothing.** *Utility*, the paper's "
+        "objective, is a weighted sum of coverage (the share of the drones' people who are "
+        "served), energy efficiency and two indices of fairness. The policy of the paper's method, "
+        f"`orchid`, reaches {own:.3f}; its *zero-action twin*, which starts at the same places and "
+        f"stays there, {twin:.3f}. None of the {_word(len(gains))} released policies is above its "
+        "twin when it flies without the noise of training. "
+        f"Of {_word(len(base))} training seeds of `orchid` one is, by {better[0]}; of a control "
+        "that resets the optimizer and keeps its learning rates two are, by "
+        f"{' and '.join(sorted(resets))}. "
+        "[Evaluation](docs/evaluation.md#all-methods), [ablation](docs/ablation.md#controls)"
+    )
+
+
+def _noise(flown: Mapping[tuple[str, bool], Mapping[str, Any]]) -> str:
+    name = "energy_efficiency_bit_per_joule"
+    sampled, alone, still = (
+        flown[key][name]["mean"] / 1e6
+        for key in (("orchid", False), ("orchid-zero", False), ("orchid-zero", True))
+    )
+    paid = flown["orchid", False][f"thrust_{name}"]["mean"] / 1e6
+    _check(sampled < alone and paid < still, "the gain is the noise's, and thrust takes it")
+    return (
+        "**The energy efficiency seen in training comes from its noise.** With the random noise "
+        f"of training `orchid` reaches {sampled:.2f} megabits per joule, and the noise alone, "
+        f"without any policy, {alone:.2f}; hovering gives {still:.2f}. Noise keeps drones moving, "
+        "a rotor needs half the power at 12 to 15 m/s that it needs to hover, and the paper's formula "
+        f"charges nothing for changes of speed. With the thrust for them paid, {paid:.2f} is left. "
+        "[Metrics](docs/evaluation.md#metrics)"
+    )
+
+
+def _rules(flown: Mapping[tuple[str, bool], Mapping[str, Any]]) -> str:
+    names = ("static-mmf", "loiter-mmf", "balanced-loiter", "planner")
+    static, loiter, balanced, planner = (flown[name, True]["utility"]["mean"] for name in names)
+    share = flown["balanced-loiter", True][HEADROOM]["mean"]
+    mobility = read("mobility")["results"]
+    speeds = {result["speed_mps"] for result in mobility}
+    leads = [
+        _mobile(mobility, "balanced-loiter", speed) - _mobile(mobility, "orchid", speed)
+        for speed in (min(speeds), max(speeds))
+    ]
+    _check(leads[0] > leads[1] > 0.0, "the lead is smaller where people walk")
+    return (
+        "**Simple rules do better.** Circling the start instead of hovering there lifts the "
+        f"utility from {static:.3f} to {loiter:.3f}. Circling the best of 31 ways to group the "
+        f"people reaches {balanced:.3f}, {share:.0%} of the *headroom*, which is the way from "
+        f"circling the start to a planner that knows every radio link ({planner:.3f}). Where "
+        "people walk, the lead over `orchid` is smaller. [Methods](docs/methods.md#rules), "
+        "[moving users](docs/evaluation.md#moving-users)"
+    )
+
+
+def _mobile(results: Sequence[Mapping[str, Any]], method: str, speed_mps: float) -> float:
+    """Utility where users walk at up to that speed, with the headings that are held longest."""
+    found = [one for one in results if (one["method"], one["speed_mps"]) == (method, speed_mps)]
+    longest = max(found, key=lambda result: result["heading_hold_s"])
+    return float(longest["utility"]["mean"])
+
+
+def _reset() -> str:
+    document = read(NAME)
+    losses = [
+        -document["comparisons"]["training"]["no-rf"][figure]["relative"]
+        for figure in ("reward", "rate_jfi", "load_jfi")
+    ]
+    return (
+        "**Reset-and-Finetune helps a little in training, and no effect is shown on unseen "
+        f"topologies.** Over {_word(len(document['settings']['seeds']))} seeds, reward and "
+        f"fairness at the end of training are {min(losses):.1%} to {max(losses):.1%} lower without "
+        "it. The controls point to the lower learning rates, not to the reset. "
+        "[Ablation](docs/ablation.md)"
+    )
+
+
+def _gains(name: str, variant: str) -> list[float]:
+    """Utility of every seed of a variant over that of the common zero-action twin."""
+    document = read(name)
+    twin = next(
+        result["utility"]["mean"]
+        for result in document["others"]
+        if result["method"] == f"{BASE}-s0-zero" and result["deterministic"]
+    )
+    runs = [run for run in document["runs"] if run["variant"] == variant]
+    return [run["evaluation"]["utility"] - twin for run in runs]
+
+
+def _word(count: int) -> str:
+    return {6: "six", 10: "ten"}.get(count, str(count))
+
+
+def _check(holds: bool, statement: str) -> None:
+    if not holds:
+        raise ValueError(f"the results no longer say that {statement}: write the finding anew")
+
+
+def example_block(name: str) -> str:
+    """A file of ``examples/`` as it is."""
+    path = ROOT / "examples" / name
+    return f"```{_LANGUAGES[path.suffix]}\n{path.read_text(encoding='utf-8').rstrip()}\n```"
+
+
+FINDING_BLOCKS = {
+    "findings": (ROOT / "README.md", findings_block),
+    "lab.toml": (ROOT / "docs" / "quickstart.md", lambda: example_block("lab.toml")),
+    "read_evaluation.py": (
+        ROOT / "docs" / "quickstart.md",
+        lambda: example_block("read_evaluation.py"),
+    ),
+}
