@@ -73,8 +73,9 @@ def _noise(flown: Mapping[tuple[str, bool], Mapping[str, Any]]) -> str:
         "**The energy efficiency seen in training comes from its noise.** With the random noise "
         f"of training `orchid` reaches {sampled:.2f} megabits per joule, and the noise alone, "
         f"without any policy, {alone:.2f}; hovering gives {still:.2f}. Noise keeps drones moving, "
-        "a rotor needs half the power at 12 to 15 m/s that it needs to hover, and the paper's formula "
-        f"charges nothing for changes of speed. With the thrust for them paid, {paid:.2f} is left. "
+        "a rotor needs half the power at 12 to 15 m/s that it needs to hover, and the paper's "
+        "formula charges nothing for changes of speed. With the thrust for them paid, "
+        f"{paid:.2f} is left. "
         "[Metrics](docs/evaluation.md#metrics)"
     )
 
