@@ -54,8 +54,9 @@ def _learning(flown: Mapping[tuple[str, bool], Mapping[str, Any]]) -> str:
         f"`orchid`, reaches {own:.3f}; its *zero-action twin*, which starts at the same places and "
         f"stays there, {twin:.3f}. None of the {_word(len(gains))} released policies is above its "
         "twin when it flies without the noise of training. "
-        f"Of {_word(len(base))} training seeds of `orchid` one is, by {better[0]}; of a control "
-        "that resets the optimizer and keeps its learning rates two are, by "
+        f"Of {_word(len(base))} trainings of `orchid` with different random numbers (*seeds*) one "
+        f"is, by {better[0]}; of a control that resets the optimizer and keeps its learning rates "
+        "two are, by "
         f"{' and '.join(sorted(resets))}. "
         "[Evaluation](docs/evaluation.md#all-methods), [ablation](docs/ablation.md#controls)"
     )

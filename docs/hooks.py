@@ -123,7 +123,7 @@ def _site_uri(path: str) -> str | None:
 
 def _source_page(path: str) -> str:
     """A file as a page, or the names of a directory's files."""
-    head = f"---\nsearch:\n  exclude: true\n---\n\n# {path}\n\n"
+    head = f"---\nhide: [toc]\nsearch:\n  exclude: true\n---\n\n# {path}\n\n"
     place = ROOT / path
     if place.is_dir():
         hidden = (".", "__pycache__")
