@@ -123,7 +123,10 @@ def candidate_starts(
     target_sets = [targets.copy()]
     generator = np.random.default_rng([seed, int(world.arrays.walk_key[index] >> np.uint64(1))])
     for restart_seed in generator.integers(2**31, size=restarts):
-        if keeps_targets:
+        if keeps_targets and not targets.any():
+            starts_m.append(starts_m[0])  # nobody to serve, so that no start is better
+            target_sets.append(targets)
+        elif keeps_targets:
             starts_m.append(kmeans_centroids(users_m[targets], world.uav_count, int(restart_seed)))
             target_sets.append(targets)
         else:

@@ -29,11 +29,20 @@ class Deployment(NamedTuple):
     labels: NDArray[np.int32]
     """Cluster of every user, (M,)."""
 
+    @property
+    def spare_uavs(self) -> int:
+        """UAVs whose cluster has no users, as there are too few distinct places (M36)."""
+        return len(self.centroids_m) - len(np.unique(self.labels))
+
 
 def gbs_aware_kmeans(
     users: ArrayLike, uavs: int, gbs: ArrayLike, seed: int | None = None, n_init: int = 1
 ) -> Deployment:
     """K-Means++ into N + 1 clusters; the one nearest the GBS is the GBS's (Section IV-B).
+
+    The seeding is scikit-learn's greedy K-Means++: each centre is the best of 2 + ln(N + 1) draws.
+    Users at fewer than N + 1 distinct places leave clusters without any. The GBS gets one that has
+    users; the UAVs to spare start where there are the most users per UAV (M36).
 
     Args:
         users: positions (M, 2) in m as Phase I sees them, at least N + 1 of them.
@@ -49,12 +58,17 @@ def gbs_aware_kmeans(
         raise ValueError("user positions are not finite numbers of shape (users, 2)")
     if len(positions) < uavs + 1:
         raise ValueError(f"{len(positions)} users cannot form {uavs + 1} clusters")
-    clustering = _fit(
+    centroids, labels = _fit(
         KMeans(n_clusters=uavs + 1, init="k-means++", n_init=n_init, random_state=seed), positions
     )
-    centroids, labels = clustering.cluster_centers_, clustering.labels_
+    users_of = np.bincount(labels, minlength=uavs + 1)
+    is_spare = users_of == 0
     gbs_distance = np.linalg.norm(centroids - np.asarray(gbs, dtype=np.float64)[:2], axis=1)
+    gbs_distance[is_spare] = np.inf
     gbs_cluster = int(np.argmin(gbs_distance))
+    if users_of[gbs_cluster] < len(positions):
+        users_of[gbs_cluster] = 0
+    _settle(centroids, is_spare, users_of)
     return Deployment(
         np.delete(centroids, gbs_cluster, axis=0), labels != gbs_cluster, centroids, labels
     )
@@ -69,22 +83,49 @@ def kmeans_centroids(
     """Centroids (clusters, 2) of one K-Means run over users (M, 2), all of them to be served.
 
     Args:
-        users_m: positions in m.
-        clusters: number of centroids; where there are fewer users, some centroids coincide.
+        users_m: positions in m, of one user at least.
+        clusters: number of centroids; where there are fewer places, some centroids coincide.
         seed: of the K-Means++ seeding.
         start_m: centroids to go on from instead, (clusters, 2).
     """
+    if len(users_m) == 0:
+        raise ValueError("there are no users to form clusters of")
     if len(users_m) < clusters:
         users_m = np.resize(users_m, (clusters, 2))
     init = "k-means++" if start_m is None else start_m
-    return _fit(KMeans(clusters, init=init, n_init=1, random_state=seed), users_m).cluster_centers_
+    centroids, labels = _fit(KMeans(clusters, init=init, n_init=1, random_state=seed), users_m)
+    users_of = np.bincount(labels, minlength=clusters)
+    _settle(centroids, users_of == 0, users_of)
+    return centroids
 
 
-def _fit(clustering: KMeans, positions_m: NDArray[np.float64]) -> KMeans:
+def _fit(
+    clustering: KMeans, positions_m: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    """Centroids and labels; the centroid of a cluster without users means nothing yet."""
     with warnings.catch_warnings(), _openmp().limit(limits=1, user_api="openmp"):
         # Fewer distinct positions than clusters is unusual but valid: some UAVs start together.
         warnings.simplefilter("ignore", ConvergenceWarning)
-        return clustering.fit(positions_m)
+        clustering.fit(positions_m)
+    centroids, labels = clustering.cluster_centers_, clustering.labels_
+    occupied = np.unique(labels)
+    if len(occupied) < len(centroids):
+        # scikit-learn fills an empty cluster with a user of another, again and again, and leaves
+        # the one that lost its only user a centroid that is nowhere, even outside the area.
+        for cluster in occupied:
+            centroids[cluster] = positions_m[labels == cluster].mean(axis=0)
+    return centroids, labels
+
+
+def _settle(
+    centroids_m: NDArray[np.float64], is_spare: NDArray[np.bool_], users_of: NDArray[np.int64]
+) -> None:
+    """Put the centroid of each spare cluster on the one with the most users per centroid (M36)."""
+    sharing = np.ones(len(centroids_m))
+    for cluster in np.flatnonzero(is_spare):
+        host = np.argmax(users_of / sharing)
+        centroids_m[cluster] = centroids_m[host]
+        sharing[host] += 1.0
 
 
 @cache

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 from pydantic import Field, ValidationError, model_validator
 
 from orchid_uav.envs.parameters import (
+    NetworkParameters,
     NotNegative,
     Pair,
     Parameters,
@@ -360,3 +361,18 @@ def _describe(error: ValidationError, sources: Mapping[str, str]) -> str:
         changed = [f"{name} ({source})" for name, source in sources.items() if source != "default"]
         return message + (f"; set here: {', '.join(changed)}" if changed else "")
     return f"{message} (from {sources.get('.'.join(location[:2]), 'default')})"
+
+
+def spare_uavs_note(network: NetworkParameters) -> str | None:
+    """What to tell whoever configures users at fewer places than Phase I makes clusters (M36)."""
+    are_points = network.distribution == "tcp" and network.scatter_std_m == 0.0
+    clusters = network.uav_count + 1
+    if not are_points or network.sensing_error_std_m > 0.0 or network.hotspot_count >= clusters:
+        return None
+    if network.hotspot_count == 1:
+        return "all users stand at one place, which Phase I gives to the GBS: UAVs serve nobody"
+    return (
+        f"users stand at {network.hotspot_count} places at most, fewer than the {clusters} "
+        f"clusters of Phase I: {clusters - network.hotspot_count} or more of the "
+        f"{network.uav_count} UAVs share the users of others"
+    )

@@ -10,6 +10,7 @@ from orchid_uav.experiments.configuration import (
     assignment_layer,
     flatten,
     merge,
+    spare_uavs_note,
 )
 from orchid_uav.experiments.errors import InputError, unknown
 
@@ -114,6 +115,8 @@ def check_variants(variants: Sequence[Variant], base: RunConfig) -> list[str]:
             f"Reset-and-Finetune needs two windows, {first} episodes, and something to learn "
             f"after them: in {base.training.episodes} it changes nothing"
         )
+    if spare_uavs := spare_uavs_note(base.network):
+        notes.append(spare_uavs)
     known = {BASE: base}
     for variant in variants:
         config = applied(variant, base)
@@ -135,6 +138,9 @@ def _notes(variant: Variant, config: RunConfig, base: RunConfig) -> Iterator[str
         yield "Reset-and-Finetune is off, so kappa is idle"
     if "training.algorithm" in variant.values and config.reset.enabled:
         yield "Reset-and-Finetune stays on, as in the base"
+    spare_uavs = spare_uavs_note(config.network)
+    if spare_uavs and spare_uavs != spare_uavs_note(base.network):
+        yield spare_uavs
     as_in_base = {"shares": base.reward.shares}  # which are no part of what is rewarded
     if config.reward.model_copy(update=as_in_base) != base.reward:
         yield "its reward is another function than the base's, so rewards do not compare"

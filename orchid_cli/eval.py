@@ -20,6 +20,7 @@ from orchid_uav.cli.console import (
     console,
     failing_well,
     print_line,
+    print_note,
     print_table,
     stdout_for_json_alone,
 )
@@ -30,6 +31,7 @@ from orchid_uav.experiments.configuration import (
     file_layer,
     flatten,
     merge,
+    spare_uavs_note,
 )
 from orchid_uav.experiments.errors import InputError, unknown
 from orchid_uav.experiments.ranges import MOST_VALUES, parse_counts, parse_numbers
@@ -157,6 +159,11 @@ def evaluate(
         flown = {} if out is None else read_interrupted(expanded(out), plan, description)
         shown = console(stderr=as_json)
         _tell_differences(plan, world)
+        for note in dict.fromkeys(
+            spare_uavs_note(one.apply(plan.world).network) for one in settings
+        ):
+            if note:
+                print_note(note)
         if not quiet:
             _announce(shown, plan, flown)
         directory = make_default_directory() if out is None else expanded(out)

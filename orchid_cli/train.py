@@ -42,7 +42,7 @@ from orchid_uav.cli.console import (
     print_table,
     stdout_for_json_alone,
 )
-from orchid_uav.experiments.configuration import RunConfig
+from orchid_uav.experiments.configuration import RunConfig, spare_uavs_note
 from orchid_uav.experiments.errors import InputError, RunFailedError
 from orchid_uav.experiments.provenance import describe_versions
 from orchid_uav.experiments.run_records import (
@@ -130,6 +130,8 @@ def train(
         if resume is None:
             merged, _ = configuration(context)
             _note_idle_flags(merged, kappa)
+            if spare_uavs := spare_uavs_note(merged.network):
+                print_note(spare_uavs)
         else:
             path, merged = _continuation(context, find_run(resume, runs_dir.expanduser()))
         # torch and SB3 take seconds to import: not before the input is known to be right.

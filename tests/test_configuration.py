@@ -2,12 +2,13 @@
 
 import json
 import math
+import re
 import tomllib
 from typing import Any
 
 import pytest
 
-from orchid_uav.envs.parameters import Section
+from orchid_uav.envs.parameters import NetworkParameters, Section
 from orchid_uav.experiments import configuration
 from orchid_uav.experiments.configuration import (
     Layer,
@@ -18,6 +19,7 @@ from orchid_uav.experiments.configuration import (
     flatten,
     merge,
     preset_layer,
+    spare_uavs_note,
     unit_of,
 )
 from orchid_uav.experiments.errors import InputError
@@ -394,3 +396,21 @@ class TestWrongFiles:
         file = tmp_path / "la[red]b[bold].json"
         file.write_text('{"network": {"uavs": 3}}')
         assert_is_an_error(orchid("config", "show", "--config", file), "la[red]b[bold].json")
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"hotspot_count": 7}, None),
+        ({"hotspot_count": 6}, "6 places at most, fewer than the 7 clusters of Phase I: 1 or more"),
+        ({"hotspot_count": 2, "uav_count": 4}, "2 places at most, .*: 3 or more of the 4 UAVs"),
+        ({"hotspot_count": 1}, "all users stand at one place"),
+        ({"hotspot_count": 2, "distribution": "uniform"}, None),
+        ({"hotspot_count": 2, "scatter_std_m": 1.0}, None),
+        ({"hotspot_count": 2, "sensing_error_std_m": 1.0}, None),
+    ],
+)
+def test_tells_of_uavs_to_spare_where_they_are_certain(changes, text):
+    network = NetworkParameters(**{"scatter_std_m": 0.0, **changes})
+    note = spare_uavs_note(network)
+    assert note is None if text is None else re.search(text, note)

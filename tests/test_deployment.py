@@ -6,8 +6,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from orchid_uav.envs import Parameters
-from orchid_uav.envs.deployment import deploy, gbs_aware_kmeans, random_start
+from orchid_uav.envs import Parameters, WorldBatch
+from orchid_uav.envs.deployment import (
+    deploy,
+    gbs_aware_kmeans,
+    kmeans_centroids,
+    random_start,
+)
 from orchid_uav.envs.users import (
     counter_uniform,
     draw_user_positions,
@@ -66,9 +71,79 @@ class TestKMeans:
         with pytest.raises(ValueError, match=message):
             gbs_aware_kmeans(users, uavs, GBS)
 
-    def test_all_users_in_one_place(self):
-        found = gbs_aware_kmeans(np.full((10, 2), 700.0), 3, GBS, seed=0)
-        assert np.isfinite(found.uav_positions_m).all()
+    def test_all_users_in_one_place_are_the_gbs_s(self):
+        generator = np.random.default_rng(3)
+        for seed, place in enumerate(generator.uniform(0.0, 2000.0, (30, 2))):
+            found = gbs_aware_kmeans(np.tile(place, (10, 1)), 3, GBS, seed=seed)
+            np.testing.assert_allclose(found.uav_positions_m, np.tile(place, (3, 1)))
+            assert not found.target_users.any()
+            assert found.spare_uavs == 3
+
+    @pytest.mark.parametrize(
+        "places",
+        [
+            ((1.8395782217315304, 840.3690693862609), (1262.8722122645802, 1869.9221883733005)),
+            ((226.71178584315288, 819.6569800967486), (1602.2276659804616, 38.16692244872466)),
+            ((510.52888147362506, 143.63497851338525), (624.8909859657317, 1121.0039367440042)),
+            ((300.0, 300.0), (1700.0, 1400.0)),
+        ],
+    )
+    def test_two_places_for_four_clusters_leave_the_farther_one_to_the_uavs(self, places):
+        # Rounding had the GBS take a cluster without users: 20, 10, 10, 20, 20 targets by seed.
+        users = np.repeat(np.array(places), 10, axis=0)
+        farther = np.argmax([np.hypot(x - GBS[0], y - GBS[1]) for x, y in places])
+        for seed in range(20):
+            found = gbs_aware_kmeans(users, 3, GBS, seed=seed)
+            np.testing.assert_array_equal(found.target_users, np.arange(20) // 10 == farther)
+            assert found.spare_uavs == 2
+
+    @settings(max_examples=100, deadline=None)
+    @given(
+        places=st.integers(2, 9),
+        uavs=st.integers(1, 10),
+        extra_users=st.integers(0, 40),
+        seed=st.integers(0, 2**31 - 1),
+    )
+    def test_with_no_more_places_than_clusters_the_gbs_takes_the_nearest(
+        self, places, uavs, extra_users, seed
+    ):
+        places = min(places, uavs + 1)
+        generator = np.random.default_rng(seed)
+        places_m = generator.uniform(0.0, 2000.0, (places, 2))
+        rest = generator.integers(places, size=uavs + 1 - places + extra_users)
+        at_place = generator.permutation(np.concatenate([np.arange(places), rest]))
+        found = gbs_aware_kmeans(places_m[at_place], uavs, GBS, seed=seed)
+        nearest = np.hypot(*(places_m - GBS[:2]).T).argmin()
+        np.testing.assert_array_equal(found.target_users, at_place != nearest)
+        assert found.spare_uavs == uavs + 1 - places
+        to_places = np.linalg.norm(found.uav_positions_m[:, None] - places_m[None], axis=2)
+        assert to_places.min(axis=1).max() < 1e-6
+
+    def test_point_like_hotspots_never_leave_the_gbs_without_users(self):
+        # 18 of these 200 worlds did.
+        overrides = {"hotspot_count": 3, "scatter_std_m": 0.0}
+        for init in ("kmeans", "random"):
+            parameters = Parameters().with_overrides({**overrides, "deployment.init": init})
+            drawn = WorldBatch(parameters, worlds=200, seed=range(200)).draw_topologies()
+            assert drawn.target_users.sum(axis=1).max() < 100
+
+    def test_uavs_to_spare_start_where_most_users_share_a_uav(self):
+        # 9, 6 and 1 users, and 2 near the GBS. Users per UAV, UAV by UAV: 9, 6, 9/2, 3 | 1.
+        places = np.array([(300.0, 300.0), (1700.0, 300.0), (300.0, 1700.0), (1010.0, 990.0)])
+        users = np.repeat(places, (9, 6, 1, 2), axis=0)
+        for seed in range(30):
+            found = gbs_aware_kmeans(users, 6, GBS, seed=seed)
+            started, uavs = np.unique(found.uav_positions_m.round(6), axis=0, return_counts=True)
+            assert dict(zip(map(tuple, started.tolist()), uavs.tolist(), strict=True)) == {
+                (300.0, 300.0): 3,
+                (1700.0, 300.0): 2,
+                (300.0, 1700.0): 1,
+            }
+            assert found.target_users.sum() == 16
+
+    def test_nobody_forms_no_clusters(self):
+        with pytest.raises(ValueError, match="no users"):
+            kmeans_centroids(np.empty((0, 2)), 3)
 
 
 class TestDeploy:

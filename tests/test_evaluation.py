@@ -533,6 +533,18 @@ def test_an_interrupted_run_is_flown_with_a_note(evaluate_tiny, run_copy):
     assert "was interrupted" in finished.err
 
 
+def test_users_at_fewer_places_than_clusters_are_noted_once_for_each_fleet(evaluate_tiny):
+    points = "network.scatter_std_m=0"
+    finished = evaluate_tiny(
+        *("--methods=static-mmf,loiter-mmf", "--uavs=4,5,6", "--speeds=0,5"),
+        *("--set", points, "--no-figures"),
+    )
+    assert finished.code == 0
+    assert [line.split(":")[0] for line in finished.err.splitlines()].count("note") == 2
+    for uavs in (5, 6):
+        assert finished.err.count(f"the {uavs + 1} clusters of Phase I") == 1
+
+
 def test_a_released_policy_flies_as_the_same_run_does(evaluate_tiny):
     from benchmarks.reference_policies import REFERENCE
 

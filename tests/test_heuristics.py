@@ -562,6 +562,18 @@ class TestBalancedLoiter:
             assert np.isfinite(world.arrays.metrics).all()
             assert world.arrays.target_users.sum() == 2 * count
 
+    @pytest.mark.parametrize("hotspots", [1, 2, 3])
+    def test_begins_inside_the_area_on_users_at_few_places(self, hotspots):
+        # scikit-learn has a cluster that lost its only user lie anywhere: 5 of 200 worlds failed.
+        overrides = {"hotspot_count": hotspots, "scatter_std_m": 0.0, "user_count": 12}
+        world = WorldBatch(Parameters().with_overrides(overrides), worlds=40, seed=range(40))
+        world.reset()
+        places_m = world.arrays.users_m.transpose(0, 2, 1)[:, None]
+        for _ in range(2):
+            starts_m = world.arrays.positions_m[:, :, None, :2]
+            assert np.linalg.norm(starts_m - places_m, axis=-1).min(axis=2).max() < 1e-6
+            BalancedLoiter(restarts=5).begin(world)
+
 
 class TestCentroids:
     def test_of_fewer_users_than_clusters_coincide(self):

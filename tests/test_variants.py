@@ -191,6 +191,7 @@ class TestCheck:
             ("training.algorithm=maddpg", {}, "Reset-and-Finetune stays on"),
             ("reward.objective=pf", {}, "rewards do not compare"),
             ("reward.coverage_weight=1", {"reward.shares": "se"}, "rewards do not compare"),
+            ("network.scatter_std_m=0", {}, "5 places at most, fewer than the 7 clusters"),
         ],
     )
     def test_notes_what_is_easily_missed(self, text, base, note):
