@@ -66,12 +66,31 @@ def source(name: str, document: Mapping[str, Any]) -> str:
 
 
 def metrics_table(results: Sequence[Result], metrics: Sequence[str], spread: bool = True) -> str:
-    """Methods by metrics."""
+    """Methods by metrics, without those that the results of an earlier version do not have."""
+    metrics = [metric for metric in metrics if metric in results[0]]
     return table(
         ["method", *(METRICS[metric].heading for metric in metrics)],
         [[f"`{label_of(result)}`", *(cell(result, metric, spread) for metric in metrics)]
          for result in results],
     )  # fmt: skip
+
+
+def coverage_sentence(results: Sequence[Result]) -> str:
+    """Who is covered, since the coverage of the target users alone says 1.000 nearly everywhere."""
+    if "total_coverage" not in results[0]:
+        return ""
+    found = {
+        metric: [METRICS[metric].text(result[metric]["mean"]) for result in results]
+        for metric in ("coverage", "total_coverage", "gbs_coverage")
+    }
+    own, total, gbs = (
+        least if least == greatest else f"{least} to {greatest}"
+        for least, greatest in ((min(texts), max(texts)) for texts in found.values())
+    )
+    return (
+        f"Coverage of the target users is {own}, total coverage of all users {total}: the GBS "
+        f"serves {gbs} of its own.\n"
+    )
 
 
 def commands_block() -> str:
@@ -246,6 +265,7 @@ def readme_block() -> str:
             "![Rate fairness over the number of UAVs](docs/figures/uavs_rate_jfi.png)",
             "6 UAVs, 100 users, 100 unseen topologies; mean ± standard deviation over topologies:",
             metrics_table(results, README_METRICS),
+            f"{coverage_sentence(results)}"
             "Share of the headroom: 0 is `loiter-mmf`, 100 the planner, and below 0 is worse than "
             "circling.\nOne training seed each, deterministic policies; all methods and metrics, "
             "and how they were measured: [evaluation](docs/evaluation.md).\n"

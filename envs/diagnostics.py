@@ -49,7 +49,7 @@ class Diagnostics:
         self._world = world
         self._sums = np.zeros((world.world_count, len(DIAGNOSTIC_METRICS)))
         self._last_velocities_mps = np.zeros_like(world.arrays.velocities_mps)
-        self._gbs: tuple[Floats, Floats] | None = None
+        self._gbs: tuple[Floats, Floats, Floats] | None = None
 
     def begin(self) -> None:
         """Forget the last episode."""
@@ -74,7 +74,11 @@ class Diagnostics:
             arrays.metrics[:, LOAD_JFI],
             arrays.metrics[:, RATE_JFI],
         )
-        self._sums += np.column_stack([utility, inspected, *self._gbs])
+        gbs_rate_bps, gbs_coverage, gbs_served = self._gbs
+        total_coverage = (arrays.loads.sum(axis=1) + gbs_served) / world.user_count
+        self._sums += np.column_stack(
+            [utility, inspected, gbs_rate_bps, gbs_coverage, total_coverage]
+        )
 
     def episode_metrics(self, world: int) -> dict[str, float]:
         """Means over the slots so far, by the names of ``DIAGNOSTIC_METRICS``."""
@@ -82,13 +86,13 @@ class Diagnostics:
         return dict(zip(DIAGNOSTIC_METRICS, means.tolist(), strict=True))
 
 
-def _gbs_figures(world: WorldBatch) -> tuple[Floats, Floats]:
-    """Mean rate of the GBS's users, unserved ones at 0, and the served share of them (M4)."""
+def _gbs_figures(world: WorldBatch) -> tuple[Floats, Floats, Floats]:
+    """Mean rate of the GBS's users, unserved ones at 0, their served share and number (M4)."""
     rates_bps = world.gbs_rates_bps()
     users = (~world.arrays.target_users).sum(axis=1)
     some = np.maximum(users, 1)
     served = (rates_bps > 0.0).sum(axis=1)
-    return rates_bps.sum(axis=1) / some, np.where(users > 0, served / some, 1.0)
+    return rates_bps.sum(axis=1) / some, np.where(users > 0, served / some, 1.0), served
 
 
 @compiled

@@ -28,11 +28,12 @@ DIAGNOSTIC_METRICS = (
     "blocking_pairs",
     "gbs_rate_bps",
     "gbs_coverage",
+    "total_coverage",
 )
 """Further figures of an episode, all means over its slots; see :mod:`orchid_uav.envs.diagnostics`:
 U_total at training progress 1; the energy efficiency with a load factor in the induced power; the
 mean distance of UAVs to the nearest other one; user-UAV pairs that would both gain by deviating;
-the mean rate of the GBS's users; the served share of them."""
+the mean rate of the GBS's users; the served share of them, and of all users."""
 
 SUMMED_OVER_SLOTS = frozenset({REWARD, "collisions", "boundary_violations", "backhaul_violations"})
 """Episode figures that are sums over slots; the others are means over slots."""

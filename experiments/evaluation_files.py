@@ -2,7 +2,7 @@
 
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
@@ -81,8 +81,19 @@ def describe_plan(plan: Plan, planner_evaluations: int) -> dict[str, Any]:
     }
 
 
-def read_interrupted(directory: Path, plan: Plan, settings: Mapping[str, Any]) -> Flown:
+def read_interrupted(
+    directory: Path,
+    plan: Plan,
+    settings: Mapping[str, Any],
+    note: Callable[[str], None] = lambda text: None,
+) -> Flown:
     """The flights of an interrupted evaluation of the same settings; none if there is nothing yet.
+
+    Args:
+        directory: of the evaluation.
+        plan: what is to be flown.
+        settings: of :func:`describe_plan`.
+        note: told, in a sentence, why flights that are there have to be flown again.
 
     Raises:
         InputError: the directory holds anything else, which is not to be overwritten.
@@ -107,12 +118,19 @@ def read_interrupted(directory: Path, plan: Plan, settings: Mapping[str, Any]) -
     if not (directory / EPISODES_FILE).is_file():
         return {}
     try:
-        rows = pq.read_table(directory / EPISODES_FILE).to_pylist()
+        table = pq.read_table(directory / EPISODES_FILE)
     except (OSError, pa.ArrowException) as error:
         raise InputError(f"cannot read {directory / EPISODES_FILE}: {error}") from error
     names = list(describe(next(plan.flights())))
+    missing = [name for name in (*names, *EPISODE_FIGURES) if name not in table.column_names]
+    if missing:
+        note(
+            f"what --out {directory} holds is of another version, which did not measure "
+            f"{', '.join(missing)}: it is flown again"
+        )
+        return {}
     groups: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
-    for row in rows:
+    for row in table.to_pylist():
         groups.setdefault(tuple(row[name] for name in names), []).append(row)
     flown: Flown = {}
     for flight in plan.flights():

@@ -156,7 +156,9 @@ def evaluate(
         entries = select([name.strip() for name in names], paths, stochastic, planner_evaluations)
         plan = _plan(entries, settings, episodes, seed, world)
         description = describe_plan(plan, planner_evaluations)
-        flown = {} if out is None else read_interrupted(expanded(out), plan, description)
+        flown = (
+            {} if out is None else read_interrupted(expanded(out), plan, description, print_note)
+        )
         shown = console(stderr=as_json)
         _tell_differences(plan, world)
         for note in dict.fromkeys(

@@ -412,7 +412,9 @@ class TestNearestUav:
 
 
 class TestGbsUsers:
-    def by_hand(self, world: WorldBatch, index: int) -> tuple[float, float]:
+    NAMES = ("gbs_rate_bps", "gbs_coverage", "total_coverage")
+
+    def by_hand(self, world: WorldBatch, index: int) -> tuple[float, float, float]:
         rates, users = world.gbs_rates_bps()[index].tolist(), 0
         total, served = 0.0, 0
         for m, is_target in enumerate(world.arrays.target_users[index].tolist()):
@@ -422,7 +424,8 @@ class TestGbsUsers:
             users += 1
             total += rates[m]
             served += rates[m] > 0.0
-        return total / users, served / users
+        served_by_uavs = sum(uav >= 0 for uav in world.arrays.association[index].tolist())
+        return total / users, served / users, (served + served_by_uavs) / len(rates)
 
     @pytest.mark.parametrize("speed_mps", [0.0, 15.0])
     def test_have_the_mean_rate_and_the_served_share_that_a_count_gives(self, speed_mps):
@@ -435,9 +438,9 @@ class TestGbsUsers:
                 slots[index].append(self.by_hand(world, index))
         for index in range(4):
             figures = diagnostics.episode_metrics(index)
-            measured = [figures["gbs_rate_bps"], figures["gbs_coverage"]]
+            measured = [figures[name] for name in self.NAMES]
             np.testing.assert_allclose(measured, np.mean(slots[index], axis=0), rtol=1e-12)
-            assert 0.0 < measured[1] < 1.0
+            assert 0.0 < measured[1] < measured[2] < 1.0
             assert (len(set(slots[index])) > 1) == (speed_mps > 0.0)
 
     def test_who_are_none_are_all_covered(self):
@@ -447,6 +450,29 @@ class TestGbsUsers:
         diagnostics.observe()
         figures = diagnostics.episode_metrics(0)
         assert (figures["gbs_rate_bps"], figures["gbs_coverage"]) == (0.0, 1.0)
+        assert figures["total_coverage"] == world.episode_metrics(0)["coverage"]
+
+    def test_total_coverage_by_hand(self):
+        # At 2.4 GHz the GBS loses 40.05 + 35 log10(d) dB. With 30 dBm, -174 dBm/Hz and 10 MHz that
+        # is an SNR of 93.95 - 35 log10(d), 6 dB at 325.7 m, which is 324.3 m on the ground.
+        from_gbs_m = [(300.0, 0.0), (0.0, -300.0), (324.0, 0.0), (0.0, 325.0), (-500.0, 500.0)]
+        near_m = [(300.0, 300.0), (350.0, 300.0), (500.0, 300.0), (500.0, 350.0)]
+        far_m = (1990.0, 1990.0)  # some 2,250 m: 20 + 107 dB lost of 21.8 dBm, an SNR of -1 dB
+        users_m = [*near_m, far_m, *((1000.0 + x, 1000.0 + y) for x, y in from_gbs_m)]
+        parameters = Parameters().with_overrides({"uav_count": 2, "shadowing_std_db": 0.0})
+        world = WorldBatch(parameters, seed=0, user_positions_m=users_m)
+        world.reset()
+        world.place(
+            [[(300.0, 300.0, 100.0), (500.0, 300.0, 100.0)]], target_users=np.arange(10) < 5
+        )
+        diagnostics = Diagnostics(world)
+        for _ in range(3):
+            world.step(np.zeros((1, 2, 4)))
+            diagnostics.observe()
+        figures = diagnostics.episode_metrics(0)
+        assert world.episode_metrics(0)["coverage"] == pytest.approx(4 / 5)
+        assert figures["gbs_coverage"] == pytest.approx(3 / 5)
+        assert figures["total_coverage"] == pytest.approx(7 / 10)
 
 
 class TestEpisodes:

@@ -14,7 +14,7 @@ import pytest
 
 from benchmarks.deployment import RESULT, fly
 from docs.generate import configuration_page, pages
-from docs.studies import FIGURE_SOURCES, figure_digests
+from docs.studies import FIGURE_SOURCES, coverage_sentence, figure_digests, metrics_table
 from orchid_uav.experiments.configuration import configuration_keys
 from tests.running import TINY
 
@@ -39,6 +39,27 @@ def test_figures_were_drawn_from_what_is_committed():
         for target in re.findall(r"!\[[^]]*\]\((?:docs/)?figures/([^)]+)\)", path.read_text())
     }
     assert shown <= set(recorded)
+
+
+def test_results_of_before_total_coverage_make_pages_without_it():
+    results = [
+        {"method": "hover", "deterministic": True, "coverage": {"mean": 1.0, "std": 0.0}}
+        | {
+            name: {"mean": mean, "std": 0.1}
+            for name, mean in (("total_coverage", total), ("gbs_coverage", 0.475))
+        }
+        for total in (0.925, 0.9)
+    ]
+    assert coverage_sentence(results) == (
+        "Coverage of the target users is 1.000, total coverage of all users 0.900 to 0.925: the "
+        "GBS serves 0.475 of its own.\n"
+    )
+    metrics = ("coverage", "total_coverage")
+    assert "| 1.000 | 0.925 ± 0.100 |" in metrics_table(results, metrics)
+    for result in results:
+        del result["total_coverage"]
+    assert coverage_sentence(results) == ""
+    assert metrics_table(results, metrics).splitlines()[2] == "| `hover` | 1.000 |"
 
 
 def test_every_key_is_described():

@@ -533,6 +533,26 @@ def test_an_interrupted_run_is_flown_with_a_note(evaluate_tiny, run_copy):
     assert "was interrupted" in finished.err
 
 
+def test_an_interrupted_evaluation_of_an_earlier_version_is_flown_again(
+    evaluate_tiny, tmp_path, monkeypatch
+):
+    def interrupted(*arguments, **keywords):
+        raise KeyboardInterrupt
+
+    arguments = ("--methods=static-pf", "--out=out", "--no-figures")
+    monkeypatch.setattr(evaluation_files, "write_evaluation", interrupted)
+    assert evaluate_tiny(*arguments).code == 130
+    monkeypatch.undo()
+    monkeypatch.chdir(tmp_path / "work")
+    path = tmp_path / "work/out/episodes.parquet"
+    pq.write_table(pq.read_table(path).drop_columns(["total_coverage"]), path)
+    finished = evaluate_tiny(*arguments)
+    assert finished.code == 0
+    [note] = [line for line in finished.err.splitlines() if line.startswith("note: ")]
+    assert "total_coverage: it is flown again" in note
+    assert "total_coverage" in pq.read_table(path).column_names
+
+
 def test_users_at_fewer_places_than_clusters_are_noted_once_for_each_fleet(evaluate_tiny):
     points = "network.scatter_std_m=0"
     finished = evaluate_tiny(

@@ -24,7 +24,7 @@ from orchid_uav.experiments.metrics import HEADROOM, METRICS
 RUN = "20261122T180343Z-orchid-s0-abcd"
 FEW = ("orchid", "maddpg-pf", "static-mmf", "planner")
 ALL = (*known_methods(), RUN, f"{RUN}-zero")
-SHARES = ("coverage", "rate_jfi", "load_jfi", "gbs_coverage")
+SHARES = ("coverage", "rate_jfi", "load_jfi", "gbs_coverage", "total_coverage")
 
 
 def hovers_as(method):
