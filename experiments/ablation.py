@@ -1,15 +1,21 @@
 """A base and its variants: trained on the same seeds, flown over the same topologies, compared."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import fmean, median
 from typing import Any
 
 from orchid_uav.callbacks.reset_and_finetune import has_plateaued
-from orchid_uav.experiments.comparison import compare_families, describe_seeds
-from orchid_uav.experiments.configuration import LEARNING_SECTIONS, RunConfig, flatten
+from orchid_uav.envs.metrics import REWARD
+from orchid_uav.experiments.comparison import compare_families, compare_pairs, describe_seeds
+from orchid_uav.experiments.configuration import (
+    LEARNING_SECTIONS,
+    RunConfig,
+    flatten,
+    reward_differences,
+)
 from orchid_uav.experiments.evaluation import Plan, Setting
 from orchid_uav.experiments.methods import (
     METHOD_KEYS,
@@ -33,10 +39,12 @@ FLOWN = (
     "utility",
 )
 """Figures of the held-out topologies that are compared: one family of tests per variant."""
-TRAINED = ("reward", *FLOWN[:-1])
+TRAINED = (REWARD, *FLOWN[:-1])
 """Figures of the last training episodes that are compared: another family per variant."""
 SETTLED = (151, 200)
 """Episodes that the last ones are compared with, to see whether a figure falls late (claim C4)."""
+NOT_COMPARED = "not compared"
+"""Verdict on the rewards of two different functions."""
 WINDOWS = (10, 25, 50, 100)
 TOLERANCES = (0.01, 0.02, 0.05, 0.1)
 """For which Reset-and-Finetune's trigger is replayed on runs that had none."""
@@ -62,6 +70,15 @@ class Ablation:
         """By name, of the base and all variants, with the base's seed."""
         own = {variant.name: applied(variant, self.base) for variant in self.variants}
         return {BASE: self.base, **own}
+
+    def rewarded_otherwise(self) -> list[str]:
+        """Variants whose reward is another function than the base's."""
+        base = flatten(self.base)
+        return [
+            name
+            for name, config in self.configurations().items()
+            if reward_differences([base, flatten(config)])
+        ]
 
     def jobs(self, runs_dir: Path, command: Sequence[str]) -> list[TrainingJob]:
         """A run for every seed and variant, seed by seed."""
@@ -185,7 +202,10 @@ def _number(value: float | None) -> float:
 
 
 def compare(
-    values: Mapping[str, Values], figures: Sequence[str], margin: float
+    values: Mapping[str, Values],
+    figures: Sequence[str],
+    margin: float,
+    rewarded_otherwise: Collection[str] = (),
 ) -> dict[str, dict[str, dict[str, Any]]]:
     """Every variant against the base, figure by figure; the figures of a variant are one family.
 
@@ -193,6 +213,8 @@ def compare(
         values: of the base and all variants.
         figures: those that are compared.
         margin: of equivalence, as a share of the base's mean.
+        rewarded_otherwise: variants whose reward is another function than the base's, and so no
+            figure to compare: its verdict is "not compared", and it belongs to no family.
     """
     better = {figure: METRICS[figure].better or "higher" for figure in figures}
     margins = {}
@@ -200,11 +222,31 @@ def compare(
         reached = [value for value in values[BASE][figure] if math.isfinite(value)]
         if reached and fmean(reached):
             margins[figure] = margin * abs(fmean(reached))
+    comparisons = {}
+    for name, own in values.items():
+        if name == BASE:
+            continue
+        apart = [REWARD] if name in rewarded_otherwise and REWARD in better else []
+        judged = {figure: way for figure, way in better.items() if figure not in apart}
+        own_margins = {figure: one for figure, one in margins.items() if figure in judged}
+        found = compare_families(values[BASE], {name: own}, judged, own_margins)[name]
+        comparisons[name] = {
+            figure: found[figure]
+            if figure in found
+            else _uncompared(values[BASE][figure], own[figure])
+            for figure in better
+        }
+    return comparisons
+
+
+def _uncompared(base: Sequence[float], variant: Sequence[float]) -> dict[str, Any]:
+    """As of a figure that is compared, with nothing but the counts of runs."""
+    counts = ("n", "seeds", "failed_base", "failed_variant")
+    nothing = dict.fromkeys(("mean", "median", "iqm", "ci95", "ci95_of"))
     return {
-        name: compare_families(values[BASE], {name: own}, better, margins)[name]
-        for name, own in values.items()
-        if name != BASE
-    }
+        name: value if name in counts else nothing if name == "difference" else None
+        for name, value in compare_pairs(base, variant, None).items()
+    } | {"p_holm": None, "smallest_p_holm": None, "verdict": NOT_COMPARED}
 
 
 def describe_values(values: Mapping[str, Values]) -> dict[str, dict[str, dict[str, Any]]]:

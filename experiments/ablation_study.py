@@ -230,7 +230,7 @@ class AblationStudy:
             "runs": [self._describe_run(job, families) for job in self.training_jobs],
             "values": {kind: describe_values(values) for kind, (values, _) in families.items()},
             "comparisons": {
-                kind: compare(values, figures, ablation.margin)
+                kind: compare(values, figures, ablation.margin, ablation.rewarded_otherwise())
                 for kind, (values, figures) in families.items()
             },
             "others": [result for result in results if result["method"] not in own_keys],

@@ -3,7 +3,7 @@
 import difflib
 import json
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -361,6 +361,54 @@ def _describe(error: ValidationError, sources: Mapping[str, str]) -> str:
         changed = [f"{name} ({source})" for name, source in sources.items() if source != "default"]
         return message + (f"; set here: {', '.join(changed)}" if changed else "")
     return f"{message} (from {sources.get('.'.join(location[:2]), 'default')})"
+
+
+_REWARDED = {
+    "network.episode_slots",
+    "network.subband_bandwidth_hz",
+    "network.total_bandwidth_hz",
+    "uav.min_altitude_m",
+    "uav.max_speed_mps",
+    "uav.min_separation_m",
+    "uav.max_transmit_power_w",
+    "training.schedule_episodes",
+}
+"""Keys outside of `reward`, `rotor` and `channel` that the reward function depends on."""
+
+
+def reward_differences(configurations: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Keys by which the rewards of runs are values of different functions, so do not compare.
+
+    These are weights, penalties and the objective, what EE_max (M7) and R_hi (M13) are made of,
+    what counts as served, too close or weakly connected, and over how many slots and episodes sums
+    and schedules go. Shares, sizes and speeds change what is reached, but not how it is rewarded.
+
+    Args:
+        configurations: values by ``"section.key"``, of each run.
+    """
+    rewards_log_rates = any(one.get("reward.objective") == "pf" for one in configurations)
+    divides_bandwidth = any(one.get("network.total_bandwidth_hz") for one in configurations)
+
+    def is_rewarded(key: str) -> bool:
+        section, _, name = key.partition(".")
+        match section:
+            case "reward":
+                idle = () if rewards_log_rates else ("log_rate_floor_bps",)
+                return name not in ("shares", *idle)
+            case "rotor":
+                return name not in ("climb_power", "mass_kg")
+            case "channel":
+                return True
+        return key in _REWARDED or (key == "network.uav_count" and divides_bandwidth)
+
+    def of(one: Mapping[str, Any], key: str) -> Any:
+        if key == "training.schedule_episodes":
+            return one.get(key) or one.get("training.episodes")
+        return one.get(key)
+
+    given = (key for one in configurations for key in one if is_rewarded(key))
+    keys = dict.fromkeys([*given, "training.schedule_episodes"])
+    return [key for key in keys if len({repr(of(one, key)) for one in configurations}) > 1]
 
 
 def spare_uavs_note(network: NetworkParameters) -> str | None:

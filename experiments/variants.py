@@ -10,6 +10,7 @@ from orchid_uav.experiments.configuration import (
     assignment_layer,
     flatten,
     merge,
+    reward_differences,
     spare_uavs_note,
 )
 from orchid_uav.experiments.errors import InputError, unknown
@@ -141,6 +142,8 @@ def _notes(variant: Variant, config: RunConfig, base: RunConfig) -> Iterator[str
     spare_uavs = spare_uavs_note(config.network)
     if spare_uavs and spare_uavs != spare_uavs_note(base.network):
         yield spare_uavs
-    as_in_base = {"shares": base.reward.shares}  # which are no part of what is rewarded
-    if config.reward.model_copy(update=as_in_base) != base.reward:
-        yield "its reward is another function than the base's, so rewards do not compare"
+    if keys := reward_differences([flatten(base), flatten(config)]):
+        yield (
+            f"its reward is another function than the base's ({', '.join(keys)}), so rewards do "
+            "not compare"
+        )

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from rich.cells import cell_len
 from rich.console import Console
 
-from orchid_uav.cli.console import console, print_line, print_table
+from orchid_uav.cli.console import console, print_line, print_note, print_table
 
 if TYPE_CHECKING:
     from orchid_uav.experiments.run_index import Run
@@ -191,10 +191,15 @@ def print_comparison(out: Console, runs: Sequence["Run"]) -> None:
 
 def _print_figures(out: Console, runs: Sequence["Run"], names: Sequence[str]) -> None:
     """A row a figure; of two runs, also the second one's less the first one's."""
+    from orchid_uav.envs.metrics import REWARD
+    from orchid_uav.experiments.configuration import reward_differences
     from orchid_uav.experiments.metrics import METRICS
     from orchid_uav.experiments.run_directory import FINAL_EPISODES
     from orchid_uav.experiments.run_index import FIGURES, heading_of, value_text
 
+    apart = reward_differences([run.config for run in runs])
+    if len({run.record["episodes"] for run in runs}) > 1:
+        apart.append("the episodes so far, with which its weights change")
     rows = []
     for key in FIGURES:
         values = [run.record["final"].get(key) for run in runs]
@@ -202,7 +207,7 @@ def _print_figures(out: Console, runs: Sequence["Run"], names: Sequence[str]) ->
             continue
         cells = [value_text(value, key) for value in values]
         if len(runs) == 2:
-            known = None not in values
+            known = None not in values and not (key == REWARD and apart)
             cells.append(value_text(values[1] - values[0], key) if known else "-")
         rows.append([heading_of(key), *cells])
     if not rows:
@@ -211,6 +216,8 @@ def _print_figures(out: Console, runs: Sequence["Run"], names: Sequence[str]) ->
     more = ["difference"] if len(runs) == 2 else []
     title = f"mean of last {FINAL_EPISODES}" if len(runs) > 1 else "figure"
     _print(out, [title, *names, *more], rows)
+    if apart and len(runs) > 1:
+        print_note(f"rewards do not compare: they differ in {', '.join(apart)}")
 
 
 def print_curves(out: Console, runs: Sequence["Run"], metrics: Sequence[str], window: int) -> None:

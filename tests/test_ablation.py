@@ -368,6 +368,37 @@ class TestStatistics:
         found = compare({"base": base, "own": {"reward": [1.0] * 8}}, ["reward"], 0.05)
         assert found["own"]["reward"]["better"] == "higher"
 
+    def test_rewards_of_another_function_are_shown_and_not_judged(self):
+        base = {"reward": [0.0] * 8, "rate_jfi": [0.0] * 8}
+        own = {"reward": [1.0] * 7 + [math.nan], "rate_jfi": [1.0] * 8}
+        values = {"base": base, "own": own, "pf": own}
+        found = compare(values, ("reward", "rate_jfi"), 0.05, ["pf"])
+        assert found["own"]["reward"]["verdict"] == "undecided"  # a run failed
+        reward = found["pf"]["reward"]
+        assert list(reward) == list(found["own"]["reward"])
+        assert reward["verdict"] == "not compared"
+        assert (reward["n"], reward["failed_base"], reward["failed_variant"]) == (7, 0, 1)
+        assert reward["difference"]["mean"] is reward["p_holm"] is reward["equivalence"] is None
+        # It belongs to no family: the others are judged as if it were not there.
+        alone = compare({"base": base, "pf": own}, ("rate_jfi",), 0.05)
+        assert found["pf"]["rate_jfi"] == alone["pf"]["rate_jfi"]
+        document = {
+            "values": {"training": describe_values(values)},
+            "comparisons": {"training": found},
+        }
+        [row] = [row for row in comparison_rows(document, "training") if row[6] == "not compared"]
+        assert row[:7] == ["pf", "reward", "-", "-", "-", "-", "not compared"]
+        assert row[7:] == ["0.0", "1.0", "7 (1 of the variant failed)"]
+
+    def test_the_objective_makes_rewards_another_function(self):
+        base = tiny_config()
+        variants = [
+            Variant("pf", {"reward.objective": "pf"}),
+            Variant("se", {"reward.shares": "se"}),
+        ]
+        ablation = Ablation(base, variants, [0], 1, 0, 0.05)
+        assert ablation.rewarded_otherwise() == ["pf"]
+
     def test_values_are_described_by_variant_and_figure(self):
         found = describe_values({"base": {"utility": [1.0, 2.0, 3.0, 4.0, 50.0, math.nan]}})
         assert found["base"]["utility"]["iqm"] == 3.0  # of 2, 3, 4

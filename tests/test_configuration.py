@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from orchid_uav.envs.arrays import Constants
 from orchid_uav.envs.parameters import NetworkParameters, Section
 from orchid_uav.experiments import configuration
 from orchid_uav.experiments.configuration import (
@@ -19,6 +20,7 @@ from orchid_uav.experiments.configuration import (
     flatten,
     merge,
     preset_layer,
+    reward_differences,
     spare_uavs_note,
     unit_of,
 )
@@ -414,3 +416,67 @@ def test_tells_of_uavs_to_spare_where_they_are_certain(changes, text):
     network = NetworkParameters(**{"scatter_std_m": 0.0, **changes})
     note = spare_uavs_note(network)
     assert note is None if text is None else re.search(text, note)
+
+
+REWARDED = (
+    *("coverage_weight", "efficiency_weight", "load_fairness_weight", "rate_fairness_weight"),
+    *("penalty_weight", "collision_penalty", "boundary_penalty", "backhaul_penalty"),
+    *("rewards_log_rates", "log_rate_floor_bps", "best_rate_bps", "power_epsilon_w"),
+    *("efficiency_scale_bit_per_joule", "min_separation_m", "required_snr"),
+    "backhaul_required_snr_db",
+)
+"""Constants of the compiled step that the reward is a function of, besides what is reached."""
+
+
+def changed_a_little(value: Any) -> Any:
+    match value:
+        case bool():
+            return not value
+        case int():
+            return value + 1
+        case float():
+            return value * 1.01 + 0.01
+        case list():
+            return [changed_a_little(one) for one in value]
+    return {"mmf": "pf", "tcp": "uniform", "kmeans": "random"}.get(value, value)
+
+
+@pytest.mark.parametrize("objective", ["mmf", "pf"])
+def test_every_key_that_changes_the_reward_function_is_known(objective):
+    base, _ = merge([Layer("base", {"reward.objective": objective})])
+    of_base = flatten(base)
+    constants = Constants.of(base.network_parameters)
+    told = []
+    for key, value in of_base.items():
+        other = changed_a_little(value)
+        if other == value:
+            continue
+        try:
+            changed, _ = merge(
+                [Layer("base", {"reward.objective": objective}), Layer("", {key: other})]
+            )
+        except InputError:  # more UAVs than users, say
+            continue
+        found = reward_differences([of_base, flatten(changed)])
+        own = Constants.of(changed.network_parameters)
+        is_another = any(
+            getattr(own, name) != getattr(constants, name)
+            for name in REWARDED
+            if name != "log_rate_floor_bps" or own.rewards_log_rates
+        )
+        if is_another:
+            assert found == [key]
+        told += found
+    assert {"network.episode_slots", "training.schedule_episodes"} <= set(told)
+    assert not {"reward.shares", "reset.kappa", "network.user_count", "training.seed"} & set(told)
+    assert ("reward.log_rate_floor_bps" in told) == (objective == "pf")
+
+
+def test_rewards_depend_on_the_number_of_uavs_that_divide_a_bandwidth():
+    few, many = {"network.uav_count": 4}, {"network.uav_count": 6}
+    assert reward_differences([few, many]) == []
+    divided = [one | {"network.total_bandwidth_hz": 60e6} for one in (few, many)]
+    assert reward_differences(divided) == ["network.uav_count"]
+    assert reward_differences([{"training.episodes": 5}, {"training.episodes": 9}]) == [
+        "training.schedule_episodes"
+    ]

@@ -539,6 +539,24 @@ class TestCompare:
         configured = [line[0] for line in lines if "." in line[0] and not line[0][0].isdigit()]
         assert configured == ["reset.kappa"]
 
+    @pytest.mark.parametrize(
+        ("config", "episodes", "told"),
+        [
+            ({"reward__objective": "pf"}, 3, "reward.objective"),
+            ({}, 4, "the episodes so far, with which its weights change"),
+        ],
+    )
+    def test_rewards_of_two_functions_have_no_difference(
+        self, orchid, runs, config, episodes, told
+    ):
+        paths = [
+            make_run(runs, "one", log=rows(3, reward=10.0)),
+            make_run(runs, "two", config=config, log=rows(episodes, reward=12.0)),
+        ]
+        finished = orchid("runs", "compare", *(path.name for path in paths), "--runs-dir", runs)
+        assert "reward\t10.0\t12.0\t-\n" in finished.out
+        assert finished.err == f"note: rewards do not compare: they differ in {told}\n"
+
     def test_three_runs_have_no_difference_column(self, orchid, runs):
         paths = [make_run(runs, log=rows(3, rate_jfi=value)) for value in (0.1, 0.2, 0.3)]
         finished = orchid("runs", "compare", *(path.name for path in paths), "--runs-dir", runs)

@@ -189,7 +189,8 @@ class TestCheck:
         [
             ("reset.kappa=0.1", {"reset.enabled": False}, "kappa is idle"),
             ("training.algorithm=maddpg", {}, "Reset-and-Finetune stays on"),
-            ("reward.objective=pf", {}, "rewards do not compare"),
+            ("reward.objective=pf", {}, "(reward.objective), so rewards do not compare"),
+            ("training.episodes=300", {}, "(training.schedule_episodes), so rewards do not"),
             ("reward.coverage_weight=1", {"reward.shares": "se"}, "rewards do not compare"),
             ("network.scatter_std_m=0", {}, "5 places at most, fewer than the 7 clusters"),
         ],
