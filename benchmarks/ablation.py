@@ -11,7 +11,8 @@ import sys
 import tempfile
 from pathlib import Path
 
-from benchmarks.studies import RESULTS, write_result
+from benchmarks.measuring import RESULTS, add_allow_changes, require_commit
+from benchmarks.studies import write_result
 from orchid_uav.experiments.ablation_study import DOCUMENT_FILE
 
 ABLATIONS: dict[str, tuple[str, ...]] = {
@@ -42,9 +43,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("name", nargs="?", choices=ABLATIONS, metavar="ABLATION")
     parser.add_argument("--out", type=Path, help="directory of the study; needs a name")
+    add_allow_changes(parser)
     arguments = parser.parse_args()
     if arguments.out and not arguments.name:
         parser.error("--out is that of one ablation: name it")
+    require_commit(parser, arguments, RESULTS)
     for name in [arguments.name] if arguments.name else ABLATIONS:
         with tempfile.TemporaryDirectory() as temporary:
             run(name, arguments.out or Path(temporary) / "study")

@@ -14,15 +14,59 @@ from rich.console import Console
 from rich.table import Table
 
 from orchid_uav.experiments.files import write_json
-from orchid_uav.experiments.provenance import describe_host, describe_versions
+from orchid_uav.experiments.provenance import (
+    CHANGES,
+    describe_host,
+    describe_versions,
+    git_commit,
+)
 
 SCHEMA = 1
+ROOT = Path(__file__).resolve().parent.parent
+RESULTS = ROOT / "benchmarks" / "results"
+RECORDS = (RESULTS, ROOT / "runs" / "reference")
+"""Folders of committed results."""
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 """Environment of a process that is to keep to one core."""
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # malloc.h
 
 Case = Callable[[int], float]
 """Measures once; its argument is the number of the repetition, from 0."""
+
+
+def add_allow_changes(parser: argparse.ArgumentParser) -> None:
+    """The option of every program that records."""
+    parser.add_argument(
+        "--allow-changes",
+        action="store_true",
+        help="record from a checkout with changes that are not committed, too",
+    )
+
+
+def require_commit(
+    parser: argparse.ArgumentParser, options: argparse.Namespace, path: Path | None
+) -> None:
+    """End before anything is measured if it is to be kept and cannot be found again by a commit.
+
+    Args:
+        parser: which tells it.
+        options: of a parser with :func:`add_allow_changes`.
+        path: where the result is to be written; only the folders of ``RECORDS`` are kept.
+    """
+    if options.allow_changes or path is None:
+        return
+    if not any(path.resolve().is_relative_to(kept) for kept in RECORDS):
+        return
+    commit = git_commit()
+    if commit is None:
+        why = "this is no checkout of git"
+    elif commit.endswith(CHANGES):
+        why = "this checkout has changes that are not committed: commit them"
+    else:
+        return
+    parser.error(
+        f"{path} is kept with the commit it was made from, and {why}, or give --allow-changes"
+    )
 
 
 def arguments_parser(description: str, repetitions: int) -> argparse.ArgumentParser:
@@ -35,12 +79,16 @@ def arguments_parser(description: str, repetitions: int) -> argparse.ArgumentPar
         default=repetitions,
         help="repetitions of each case (default: %(default)s)",
     )
+    add_allow_changes(parser)
     return parser
 
 
 def arguments(description: str, repetitions: int) -> argparse.Namespace:
     """The command line of a benchmark that takes nothing else."""
-    return arguments_parser(description, repetitions).parse_args()
+    parser = arguments_parser(description, repetitions)
+    options = parser.parse_args()
+    require_commit(parser, options, options.json)
+    return options
 
 
 def alternate(cases: Mapping[str, Case], repetitions: int) -> dict[str, dict[str, Any]]:

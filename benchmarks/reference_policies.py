@@ -16,6 +16,7 @@ import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+from benchmarks.measuring import add_allow_changes, require_commit
 from orchid_uav.agents.actor import DESCRIPTION_FILE, WEIGHTS_FILE
 from orchid_uav.agents.safe_files import sealed
 from orchid_uav.envs import Parameters
@@ -72,9 +73,11 @@ def main() -> None:
     parser.add_argument("keys", nargs="*", metavar="KEY")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--fly-alone", action="store_true", help="fly again what was trained")
+    add_allow_changes(parser)
     arguments = parser.parse_args()
     if unknown := set(arguments.keys) - set(COMMANDS):
         parser.error(f"unknown: {', '.join(unknown)}; known: {', '.join(COMMANDS)}")
+    require_commit(parser, arguments, REFERENCE)
     # The longest first, so that no processor idles at the end.
     keys = sorted(arguments.keys or COMMANDS, key=lambda key: "maddpg" not in COMMANDS[key])
     if arguments.fly_alone:

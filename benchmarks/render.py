@@ -5,6 +5,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from orchid_uav.experiments.provenance import CHANGES
+
 ROOT = Path(__file__).parent.parent
 PAGE = ROOT / "docs" / "performance.md"
 RESULTS = ROOT / "benchmarks" / "results"
@@ -97,12 +99,19 @@ def _read(name: str) -> dict[str, Any]:
     return json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8"))
 
 
+def recorded(document: Mapping[str, Any]) -> str:
+    """When and where something was measured, and whether its commit tells all of the code."""
+    commit = document["versions"]["git_commit"] or CHANGES
+    changed = ", with changes that were not committed" if commit.endswith(CHANGES) else ""
+    return f"{document['date']}{changed}, {document['host']['processor']}"
+
+
 def _conditions(result: Mapping[str, Any]) -> str:
     host, versions = result["host"], result["versions"]
     names = ("python", "numpy", "numba", "torch", "stable_baselines3")
     used = ", ".join(f"{name.replace('_', '-')} {versions[name]}" for name in names)
     return (
-        f"`{result['command']}`, {result['date']}, {host['processor']}, {host['cores']} cores, "
+        f"`{result['command']}`, {recorded(result)}, {host['cores']} cores, "
         f"{host['system']}; {used}.\n"
     )
 

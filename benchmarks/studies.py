@@ -15,13 +15,12 @@ from typing import Any
 
 import pyarrow.parquet as pq
 
-from benchmarks.measuring import ONE_THREAD
+from benchmarks.measuring import ONE_THREAD, RESULTS, add_allow_changes, require_commit
 from orchid_uav.experiments.evaluation import CEILING
 from orchid_uav.experiments.evaluation_files import EPISODES_FILE, SUMMARY_FILE
 from orchid_uav.experiments.files import write_atomically
 from orchid_uav.experiments.metrics import label_of
 
-RESULTS = Path(__file__).parent / "results"
 DIGITS = 6
 PLANNER_BUDGETS = (31, 100, 300, 1000, 3000, 10000)
 PAPER_AND_BOUNDS = (
@@ -114,9 +113,11 @@ def main() -> None:
     """Run all, or those named."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("names", nargs="*", metavar="STUDY")
+    add_allow_changes(parser)
     arguments = parser.parse_args()
     if unknown := set(arguments.names) - set(STUDIES):
         parser.error(f"unknown: {', '.join(unknown)}; known: {', '.join(STUDIES)}")
+    require_commit(parser, arguments, RESULTS)
     for name in arguments.names or STUDIES:
         run(name)
         print(f"wrote {name}.json", flush=True)

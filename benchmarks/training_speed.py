@@ -33,6 +33,7 @@ from benchmarks.measuring import (
     ratio,
     record,
     report,
+    require_commit,
 )
 from benchmarks.validation import ROOT, Arm, add_pythons, chosen_pythons
 from orchid_uav.experiments.configuration import RunConfig
@@ -96,6 +97,7 @@ def main() -> None:
     parser = arguments_parser(__doc__.splitlines()[0], repetitions=3)
     add_pythons(parser)
     options = parser.parse_args()
+    require_commit(parser, options, options.json)
     pythons = chosen_pythons(options)
     parts: list[dict[str, Any]] = []
     fleet = alternate(

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.measuring import record
+from benchmarks.measuring import add_allow_changes, record, require_commit
 from orchid_uav.cli.display import SilentReporter
 from orchid_uav.envs import Parameters
 from orchid_uav.experiments.configuration import Layer, RunConfig, merge
@@ -88,7 +88,9 @@ def main() -> None:
     parser.add_argument("--json", type=Path, required=True)
     parser.add_argument("--trials", type=int, default=8)
     parser.add_argument("--episodes", type=int, default=200)
+    add_allow_changes(parser)
     arguments = parser.parse_args()
+    require_commit(parser, arguments, arguments.json)
     settings = {
         "seed": SEED,
         "topologies": TOPOLOGIES,

@@ -17,11 +17,11 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from benchmarks.measuring import ONE_THREAD, record
+from benchmarks.measuring import ONE_THREAD, RESULTS, add_allow_changes, record, require_commit
 from benchmarks.spread.comparison import compare
 from benchmarks.spread.rules import baselines
 from benchmarks.spread.task import MADDPG_SETTINGS, PPO_SETTINGS, Settings
-from benchmarks.studies import RESULTS, write_result
+from benchmarks.studies import write_result
 
 ROOT = Path(__file__).parent.parent
 PYTHONS = {
@@ -222,7 +222,9 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=2, help="runs at a time, a core each")
     parser.add_argument("--json", type=Path, default=RESULTS / "validation.json")
     add_pythons(parser)
+    add_allow_changes(parser)
     arguments = parser.parse_args()
+    require_commit(parser, arguments, arguments.json)
     pythons = chosen_pythons(arguments)
     todo = [*jobs(ARMS, arguments.seeds), *TRIALS]
     rows = run_all(todo, pythons, arguments.runs, arguments.jobs)

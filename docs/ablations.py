@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from benchmarks.render import recorded
 from docs.studies import FIGURES, ROOT, read, table
 from orchid_uav.cli.ablation_tables import KINDS, comparison_rows, signed, trigger_table
 from orchid_uav.experiments.ablation import FLOWN, SETTLED, TRAINED
@@ -195,7 +196,7 @@ def curves_block() -> str:
 def _source(document: Mapping[str, Any], name: str = NAME) -> str:
     hours = sum(run["seconds"] for run in document["runs"]) / 3600
     return (
-        f"{document['date']}, {document['host']['processor']}, `{' '.join(document['command'])}`, "
+        f"{recorded(document)}, `{' '.join(document['command'])}`, "
         f"{hours:.1f} hours of one core; `make ablation` → `benchmarks/results/{name}.json`."
     )
 

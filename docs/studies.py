@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from benchmarks.render import recorded
 from benchmarks.studies import PLANNER_BUDGETS
 from orchid_uav.experiments.configuration import flatten
 from orchid_uav.experiments.files import write_json
@@ -60,8 +61,7 @@ def source(name: str, document: Mapping[str, Any]) -> str:
     if name.endswith("_N"):
         command = command.rpartition(" ")[0] + " N"
     return (
-        f"{document['date']}, {document['host']['processor']}, `{command}` by `make studies` → "
-        f"`benchmarks/results/{name}.json`."
+        f"{recorded(document)}, `{command}` by `make studies` → `benchmarks/results/{name}.json`."
     )
 
 
@@ -120,7 +120,7 @@ def tuning_block() -> str:
         f"{settings['trials']} trials each of {settings['episodes']} episodes on seed "
         f"{settings['seed']}; the score is the mean utility at τ = 1 of the deterministic policy "
         f"on\n{settings['topologies']} topologies. Doing nothing there scores "
-        f"{zero['utility']:.3f}. {log['date']}, `{log['command']}`.",
+        f"{zero['utility']:.3f}. {recorded(log)}, `{log['command']}`.",
     ]
     for algorithm, trials in log["trials"].items():
         names = list(settings["spaces"][algorithm])
@@ -248,8 +248,8 @@ def run_index_block() -> str:
     settings = document["settings"]
     return (
         table([f"{settings['runs']:,} runs", "seconds"], rows)
-        + f"\n\nMedians of {settings['repetitions']} turns. {document['date']}, "
-        f"{document['host']['processor']}, `{document['command']}`."
+        + f"\n\nMedians of {settings['repetitions']} turns. {recorded(document)}, "
+        f"`{document['command']}`."
     )
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from statistics import fmean, median, stdev
 from typing import Any
 
-from benchmarks.render import spread
+from benchmarks.render import recorded, spread
 from benchmarks.spread.comparison import MARGIN
 from docs.studies import FIGURES, ROOT, read, table
 
@@ -250,10 +250,7 @@ def _signed(value: float) -> str:
 
 
 def _source(document: Row) -> str:
-    return (
-        f"{document['date']}, {document['host']['processor']}, {document['host']['cores']} cores, "
-        f"`{document['command']}`."
-    )
+    return f"{recorded(document)}, {document['host']['cores']} cores, `{document['command']}`."
 
 
 def draw_validation() -> list[Path]:

@@ -48,6 +48,14 @@ def boot_id() -> str | None:
     return path.read_text().strip() if path.is_file() else None
 
 
+CHANGES = "+changes"
+"""Ends the commit of a checkout with changes that are not committed."""
+_NOT_MEASURED = ("runs", "benchmarks/results", "docs", "tests", "*.md", "mkdocs.yml", "LICENSE")
+"""What of a checkout may differ without a word, as it does not change what is measured: what runs
+and benchmarks write, pages and figures made of that, tests. Policies are told by their checksums.
+All else counts: the packages, `pyproject.toml`, `constraints.txt`, the benchmarks themselves."""
+
+
 def git_commit() -> str | None:
     """Commit of the checkout that this code runs from, "+changes" if it differs; None elsewhere."""
     source = Path(__file__).resolve().parent
@@ -56,10 +64,9 @@ def git_commit() -> str | None:
     if not top or not (Path(top) / "envs" / "dynamics.py").is_file():
         return None
     commit = _git(source, "rev-parse", "HEAD")
-    # What runs and benchmarks write does not change what they measure.
-    results = (":(top)", ":(top,exclude)runs", ":(top,exclude)benchmarks/results")
-    if commit and _git(source, "status", "--porcelain", "--", *results):
-        commit += "+changes"
+    measured = (":(top)", *(f":(top,exclude,glob){one}" for one in _NOT_MEASURED))
+    if commit and _git(source, "status", "--porcelain", "--", *measured):
+        commit += CHANGES
     return commit or None
 
 

@@ -187,6 +187,40 @@ class TestNewDirectory:
         commit = record_of(create(runs_dir).path)["versions"]["git_commit"]
         assert commit.removesuffix("+changes") == found.stdout.strip()
 
+    @pytest.mark.parametrize(
+        ("path", "counts"),
+        [
+            ("envs/dynamics.py", True),
+            ("experiments/new.py", True),
+            ("pyproject.toml", True),
+            ("benchmarks/studies.py", True),
+            ("benchmarks/results/uavs.json", False),
+            ("runs/reference/orchid/run.json", False),
+            ("docs/figures/uavs.png", False),
+            ("docs/evaluation.md", False),
+            ("tests/test_new.py", False),
+            ("README.md", False),
+        ],
+    )
+    def test_a_commit_is_of_what_is_measured(self, tmp_path, monkeypatch, path, counts):
+        def git(*arguments):
+            who = ("-c", "user.name=n", "-c", "user.email=e@example.org")
+            command = ["git", "-C", tmp_path, *who, *arguments]
+            return subprocess.run(command, capture_output=True, text=True, check=True).stdout
+
+        git("init", "--quiet")
+        for name in ("envs/dynamics.py", "experiments/provenance.py", "docs/evaluation.md"):
+            (tmp_path / name).parent.mkdir()
+            (tmp_path / name).write_text("")
+        git("add", ".")
+        git("commit", "--quiet", "-m", "first")
+        commit = git("rev-parse", "HEAD").strip()
+        monkeypatch.setattr(provenance, "__file__", str(tmp_path / "experiments/provenance.py"))
+        assert provenance.git_commit() == commit
+        (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / path).write_text("changed\n")
+        assert provenance.git_commit() == commit + ("+changes" if counts else "")
+
     def test_a_machine_without_git_is_no_obstacle(self, runs_dir, monkeypatch):
         monkeypatch.setenv("PATH", "")
         assert record_of(create(runs_dir).path)["versions"]["git_commit"] is None

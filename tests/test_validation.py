@@ -1,8 +1,10 @@
 """The comparison with public learners: its task, its judging, its runs and its statistics."""
 
+import importlib
 import json
 import math
 import stat
+import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +14,8 @@ import pytest
 from mpe2 import simple_spread_v3
 from scipy.stats import t
 
-from benchmarks import validation
+from benchmarks import measuring, validation
+from benchmarks.render import recorded
 from benchmarks.spread import rules, task
 from benchmarks.spread.comparison import CONTROLS, PAIRS, compare, compare_arms
 from benchmarks.spread.orchid_learners import LocalState, learn, make_learner
@@ -371,3 +374,53 @@ def test_the_committed_rows_are_those_of_the_comparison():
     for pair, committed in zip(again["pairs"], document["comparison"]["pairs"], strict=True):
         assert pair["verdict"] == committed["verdict"]
         assert pair["difference"] == pytest.approx(committed["difference"], abs=1e-4)
+
+
+KEPT = ("--json", measuring.RESULTS / "new.json")
+PROGRAMS = {
+    **dict.fromkeys(("studies", "ablation", "validation", "reference_policies"), ()),
+    **dict.fromkeys(("tuning", "evaluation", "simulator", "training"), KEPT),
+    **dict.fromkeys(("run_index", "training_speed"), KEPT),
+}
+
+
+class TestRecords:
+    """What is kept under benchmarks/results and runs/reference names the commit that made it."""
+
+    @pytest.mark.parametrize("commit", ["abc+changes", None])
+    @pytest.mark.parametrize("name", PROGRAMS)
+    def test_are_refused_before_anything_is_measured(self, monkeypatch, capsys, name, commit):
+        program = importlib.import_module(f"benchmarks.{name}")
+        monkeypatch.setattr(measuring, "git_commit", lambda: commit)
+        monkeypatch.setattr("sys.argv", [name, *map(str, PROGRAMS[name])])
+        monkeypatch.setattr(subprocess, "run", None)  # nothing may begin
+        with pytest.raises(SystemExit) as ended:
+            program.main()
+        assert ended.value.code == 2
+        said = capsys.readouterr().err
+        assert ("not committed" if commit else "no checkout of git") in said
+        assert "--allow-changes" in said
+
+    @pytest.mark.parametrize(
+        ("commit", "arguments"),
+        [
+            ("abc", KEPT),
+            ("abc+changes", [*KEPT, "--allow-changes"]),
+            ("abc+changes", ["--json", "elsewhere.json"]),
+            ("abc+changes", []),
+        ],
+    )
+    def test_others_are_not(self, monkeypatch, tmp_path, commit, arguments):
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.setattr(measuring, "git_commit", lambda: commit)
+        monkeypatch.setattr("sys.argv", ["program", *map(str, arguments)])
+        assert measuring.arguments("measures", repetitions=3).repetitions == 3
+
+    @pytest.mark.parametrize(
+        ("commit", "is_told"), [("a", False), ("a+changes", True), (None, True)]
+    )
+    def test_pages_tell_of_changes(self, commit, is_told):
+        document = {"date": "2026-11-26", "host": {"processor": "P"}}
+        text = recorded(document | {"versions": {"git_commit": commit}})
+        told = ", with changes that were not committed" if is_told else ""
+        assert text == f"2026-11-26{told}, P"
