@@ -10,6 +10,7 @@ from docs.studies import FIGURES, ROOT, read, table
 from orchid_uav.cli.ablation_tables import KINDS, comparison_rows, signed, trigger_table
 from orchid_uav.experiments.ablation import FLOWN, SETTLED, TRAINED
 from orchid_uav.experiments.configuration import RunConfig, flatten
+from orchid_uav.experiments.comparison import ALPHA
 from orchid_uav.experiments.metrics import METRICS, label_of
 from orchid_uav.experiments.run_directory import FINAL_EPISODES
 from orchid_uav.experiments.variants import BASE
@@ -19,9 +20,92 @@ CURVES = FIGURES / f"{NAME}.png"
 _HEADS = ("figure", "difference [95 %]", "relative", "P(better)", "p (Holm)", "verdict")
 
 
+def must_hold(holds: bool, words: str) -> None:
+    """Words were written to results: those of another result need other words.
+
+    Raises:
+        ValueError: they do not follow from the results that are committed now.
+    """
+    if not holds:
+        raise ValueError(f"'{words}' does not follow from {NAME}.json or {CONTROLS}.json any more")
+
+
+def doing_nothing(document: Mapping[str, Any], deterministic: bool = True) -> float:
+    """Mean utility of the base's zero-action twin, or of the exploration noise alone."""
+    return next(
+        result["utility"]["mean"]
+        for result in document["others"]
+        if result["method"] == f"{BASE}-s0-zero" and result["deterministic"] is deterministic
+    )
+
+
+def above_doing_nothing(document: Mapping[str, Any], name: str) -> list[float]:
+    """Of the seeds whose deterministic policy exceeds doing nothing: by how much."""
+    zero = doing_nothing(document)
+    utilities = [run["evaluation"]["utility"] for run in document["runs"] if run["variant"] == name]
+    return sorted(utility - zero for utility in utilities if utility is not None and utility > zero)
+
+
+def _better_seeds(document: Mapping[str, Any], name: str) -> str:
+    """How many are above doing nothing, such as "2 of 10 (by 0.009, 0.066)"."""
+    gains = above_doing_nothing(document, name)
+    count = sum(run["variant"] == name for run in document["runs"])
+    by = f" (by {', '.join(f'{gain:.3f}' for gain in gains)})" if gains else ""
+    return f"{len(gains) or 'none'} of {count}{by}"
+
+
+def verdict_block() -> str:
+    """The first page: the policies beside doing nothing, and what Reset-and-Finetune changes."""
+    document, controls = read(NAME), read(CONTROLS)
+    zero = doing_nothing(document)
+    half = _better_seeds(controls, "reset-only")
+    means = {name: values["utility"]["iqm"] for name, values in _flown(document)[0].items()}
+    must_hold(max(means.values()) < zero, "worse in utility than doing nothing")
+    _check_effects(document)
+    text = (
+        "What it shows so far, on clustered users: with its mean action a policy trained as the "
+        "paper says is, as a rule, worse in utility than doing nothing from the same start "
+        f"({means[BASE]:.3f}, IQM of ten seeds, against {zero:.3f}; without Reset-and-Finetune "
+        f"{means['no-rf']:.3f}). Better than doing nothing are, of the seeds with it, "
+        f"{_better_seeds(document, BASE)}, without it {_better_seeds(document, 'no-rf')}, and of "
+        f"those that only clear the optimizer (`reset-only`) {half} "
+        "([evaluation](evaluation.md), [ablation](ablation.md)). Over ten seeds "
+        "Reset-and-Finetune makes a small difference in training and none that is shown on unseen "
+        "topologies."
+    )
+    return textwrap.fill(text, 104, break_on_hyphens=False)
+
+
+def _check_effects(document: Mapping[str, Any]) -> None:
+    """That Reset-and-Finetune makes a small difference in training, and shows none elsewhere."""
+    found = {kind: document["comparisons"][kind]["no-rf"] for kind in document["comparisons"]}
+    unseen = [one["verdict"] for kind in ("evaluation", "sampled") for one in found[kind].values()]
+    must_hold(
+        set(unseen) <= {"equivalent", "no difference shown"}
+        and unseen.count("equivalent") > len(unseen) / 2,
+        "on unseen topologies no difference is shown, and most figures are equivalent",
+    )
+    runs = document["runs"]
+    for figure in ("reward", "rate_jfi", "load_jfi"):
+        own, without = (
+            [run["training"][figure] for run in runs if run["variant"] == name]
+            for name in (BASE, "no-rf")
+        )
+        must_hold(
+            all(lower < higher for lower, higher in zip(without, own, strict=True))
+            and found["training"][figure]["p_holm"] <= ALPHA
+            and found["training"][figure]["equivalence"]["equivalent"],
+            f"{figure} is lower in every seed without it, within the margin",
+        )
+    for figure in ("energy_efficiency_bit_per_joule", "load_jfi"):
+        without, own = (document["late_changes"][name][figure]["ci95"] for name in ("no-rf", BASE))
+        must_hold(without[0] > 0.0 and own[0] < 0.0 < own[1], "both rise; with it nothing changes")
+
+
 def summary_block() -> str:
-    """The results in words; the numbers are the document's, the words were written to them."""
+    """The results in words; the numbers are the document's, the words are held to them."""
     document = read(NAME)
+    _check_effects(document)
     flown, trained = (document["comparisons"][kind]["no-rf"] for kind in ("evaluation", "training"))
     low, high = flown["rate_jfi"]["difference"]["ci95"]
     figures = ("reward", "rate_jfi", "load_jfi")
@@ -32,21 +116,19 @@ def summary_block() -> str:
         f"{METRICS[figure].title} {signed(figure, late[figure]['iqm'])}"
         for figure in ("energy_efficiency_bit_per_joule", "load_jfi")
     )
-    zero, alone = (
-        next(
-            result["utility"]["mean"]
-            for result in document["others"]
-            if result["method"] == f"{BASE}-s0-zero" and result["deterministic"] is deterministic
-        )
-        for deterministic in (True, False)
-    )
+    zero, alone = (doing_nothing(document, deterministic) for deterministic in (True, False))
     utility = {
         (kind, name): values["utility"]["iqm"]
         for kind in ("evaluation", "sampled")
         for name, values in document["values"][kind].items()
     }
+    for kind, reference in (("evaluation", zero), ("sampled", alone)):
+        both = (utility[kind, BASE], utility[kind, "no-rf"])
+        must_hold(max(both) < reference, "both policies are worse than doing nothing")
     firings = [run["reset_episodes"][0] for run in document["runs"] if run["variant"] == BASE]
     first = min(firings)
+    window = document["settings"]["base"]["reset"]["window"]
+    must_hold(first == 2 * window, "fires at the first episode at which it can")
     bullets = (
         "**On unseen topologies no difference is shown**, with deterministic or sampled actions; "
         "most figures are equivalent within the margin. The means point towards "
@@ -62,8 +144,9 @@ def summary_block() -> str:
         "**Both policies are worse than doing nothing** in utility: deterministic "
         f"{utility['evaluation', BASE]:.3f} with and {utility['evaluation', 'no-rf']:.3f} without "
         f"it, {zero:.3f} without any action; sampled {utility['sampled', BASE]:.3f} and "
-        f"{utility['sampled', 'no-rf']:.3f}, the noise alone {alone:.3f}. What the reset keeps is "
-        "nearness to the start.",
+        f"{utility['sampled', 'no-rf']:.3f}, the noise alone {alone:.3f} (IQM of "
+        "seeds). Seed by seed, deterministic policies above doing nothing are "
+        f"{_better_seeds(document, BASE)} with it and {_better_seeds(document, 'no-rf')} without.",
         "**The trigger is a timer.** With the paper's window and tolerances it fires at episode "
         f"{first}, the first at which it can, in {firings.count(first)} of {len(firings)} seeds, "
         f"and by episode {max(firings)} in all.",
@@ -99,10 +182,13 @@ def controls_block() -> str:
         [f"`{name}`", *(f"{values[name]['utility']['iqm']:.3f}" for values in _flown(document))]
         for name in document["values"]["evaluation"]
     ]
+    for row, name in zip(utility, document["values"]["evaluation"], strict=True):
+        row.append(_better_seeds(document, name))
+    zero = f"deterministic seeds above doing nothing ({doing_nothing(document):.3f})"
     return "\n\n".join(
         [
             table(heads, rows, words=2),
-            table(["utility, IQM of seeds", "deterministic", "sampled"], utility),
+            table(["utility, IQM of seeds", "deterministic", "sampled", zero], utility),
             _source(document, CONTROLS),
         ]
     )
@@ -248,5 +334,6 @@ ABLATION_BLOCKS = {
     "policies and twins": (_PAGE, twins_block),
     "trigger": (_PAGE, trigger_block),
     "controls": (_PAGE, controls_block),
+    "verdict": (ROOT / "docs" / "index.md", verdict_block),
 }
 """Page and content of every block, by the name in its markers."""

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from benchmarks.deployment import RESULT, fly
+from docs import ablations
 from docs.generate import configuration_page, pages
 from docs.studies import FIGURE_SOURCES, coverage_sentence, figure_digests, metrics_table
 from orchid_uav.experiments.configuration import configuration_keys
@@ -60,6 +61,29 @@ def test_results_of_before_total_coverage_make_pages_without_it():
         del result["total_coverage"]
     assert coverage_sentence(results) == ""
     assert metrics_table(results, metrics).splitlines()[2] == "| `hover` | 1.000 |"
+
+
+def test_words_that_do_not_follow_from_the_results_are_not_written(monkeypatch):
+    document = ablations.read(ablations.NAME)
+    zero = ablations.doing_nothing(document)
+    base = [run["evaluation"]["utility"] for run in document["runs"] if run["variant"] == "base"]
+    above = sum(utility > zero for utility in base)
+    assert f"of the seeds with it, {above or 'none'} of {len(base)}" in " ".join(
+        ablations.verdict_block().split()
+    )
+    found = document["comparisons"]["evaluation"]["no-rf"]["utility"]
+    monkeypatch.setattr(ablations, "read", lambda name: document)
+    for change, words in (
+        (lambda: found.update(verdict="worse"), "no difference is shown"),
+        (lambda: found.update(verdict="equivalent"), None),
+        (lambda: document["runs"][0]["training"].update(reward=0.0), "reward is lower in every"),
+    ):
+        change()
+        if words is None:
+            ablations.summary_block()
+        else:
+            with pytest.raises(ValueError, match=words):
+                ablations.summary_block()
 
 
 def test_every_key_is_described():
