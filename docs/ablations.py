@@ -9,8 +9,8 @@ from benchmarks.render import recorded
 from docs.studies import FIGURES, ROOT, read, table
 from orchid_uav.cli.ablation_tables import KINDS, comparison_rows, signed, trigger_table
 from orchid_uav.experiments.ablation import FLOWN, SETTLED, TRAINED
-from orchid_uav.experiments.configuration import RunConfig, flatten
 from orchid_uav.experiments.comparison import ALPHA
+from orchid_uav.experiments.configuration import RunConfig, flatten
 from orchid_uav.experiments.metrics import METRICS, label_of
 from orchid_uav.experiments.run_directory import FINAL_EPISODES
 from orchid_uav.experiments.variants import BASE
@@ -27,7 +27,7 @@ def must_hold(holds: bool, words: str) -> None:
         ValueError: they do not follow from the results that are committed now.
     """
     if not holds:
-        raise ValueError(f"'{words}' does not follow from {NAME}.json or {CONTROLS}.json any more")
+        raise ValueError(f"'{words}' does not follow from the committed results any more")
 
 
 def doing_nothing(document: Mapping[str, Any], deterministic: bool = True) -> float:
@@ -52,28 +52,6 @@ def _better_seeds(document: Mapping[str, Any], name: str) -> str:
     count = sum(run["variant"] == name for run in document["runs"])
     by = f" (by {', '.join(f'{gain:.3f}' for gain in gains)})" if gains else ""
     return f"{len(gains) or 'none'} of {count}{by}"
-
-
-def verdict_block() -> str:
-    """The first page: the policies beside doing nothing, and what Reset-and-Finetune changes."""
-    document, controls = read(NAME), read(CONTROLS)
-    zero = doing_nothing(document)
-    half = _better_seeds(controls, "reset-only")
-    means = {name: values["utility"]["iqm"] for name, values in _flown(document)[0].items()}
-    must_hold(max(means.values()) < zero, "worse in utility than doing nothing")
-    _check_effects(document)
-    text = (
-        "What it shows so far, on clustered users: with its mean action a policy trained as the "
-        "paper says is, as a rule, worse in utility than doing nothing from the same start "
-        f"({means[BASE]:.3f}, IQM of ten seeds, against {zero:.3f}; without Reset-and-Finetune "
-        f"{means['no-rf']:.3f}). Better than doing nothing are, of the seeds with it, "
-        f"{_better_seeds(document, BASE)}, without it {_better_seeds(document, 'no-rf')}, and of "
-        f"those that only clear the optimizer (`reset-only`) {half} "
-        "([evaluation](evaluation.md), [ablation](ablation.md)). Over ten seeds "
-        "Reset-and-Finetune makes a small difference in training and none that is shown on unseen "
-        "topologies."
-    )
-    return textwrap.fill(text, 104, break_on_hyphens=False)
 
 
 def _check_effects(document: Mapping[str, Any]) -> None:
@@ -334,6 +312,5 @@ ABLATION_BLOCKS = {
     "policies and twins": (_PAGE, twins_block),
     "trigger": (_PAGE, trigger_block),
     "controls": (_PAGE, controls_block),
-    "verdict": (ROOT / "docs" / "index.md", verdict_block),
 }
 """Page and content of every block, by the name in its markers."""

@@ -65,12 +65,6 @@ def test_results_of_before_total_coverage_make_pages_without_it():
 
 def test_words_that_do_not_follow_from_the_results_are_not_written(monkeypatch):
     document = ablations.read(ablations.NAME)
-    zero = ablations.doing_nothing(document)
-    base = [run["evaluation"]["utility"] for run in document["runs"] if run["variant"] == "base"]
-    above = sum(utility > zero for utility in base)
-    assert f"of the seeds with it, {above or 'none'} of {len(base)}" in " ".join(
-        ablations.verdict_block().split()
-    )
     found = document["comparisons"]["evaluation"]["no-rf"]["utility"]
     monkeypatch.setattr(ablations, "read", lambda name: document)
     for change, words in (
