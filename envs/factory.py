@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from orchid_uav.envs.extras import import_extra
 from orchid_uav.envs.parallel import FleetParallelEnv
 from orchid_uav.envs.parameters import Parameters
 
@@ -94,7 +95,11 @@ def make_supersuit_vec_env(
         make_env: makes one world; called once for each.
         worlds: number of worlds, stepped one after the other.
         seed: of all worlds, spread over them like that of :func:`make_vec_env`.
+
+    Raises:
+        ImportError: SuperSuit, the extra ``supersuit``, is not installed.
     """
+    import_extra("supersuit")
     from orchid_uav.envs.supersuit_path import SuperSuitVecEnv
 
     return SuperSuitVecEnv([make_env] * worlds, seed=seed)

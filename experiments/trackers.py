@@ -4,7 +4,6 @@ A tracker is told of every episode and can never stop a training: an error switc
 warning. Its package is imported only when it is asked for.
 """
 
-import importlib
 import os
 import platform
 import sys
@@ -14,6 +13,7 @@ from itertools import chain, count
 from pathlib import Path
 from typing import Any, Protocol
 
+from orchid_uav.envs.extras import import_extra
 from orchid_uav.experiments.configuration import RunConfig, flatten
 from orchid_uav.experiments.errors import InputError
 
@@ -133,17 +133,14 @@ def check_tracker(name: str) -> None:
     """Whether a tracker can be opened, before anything is made for it.
 
     Raises:
-        InputError: unknown, or its package is not installed.
+        InputError: unknown, or its package cannot be imported.
     """
     if name not in TRACKERS:
         raise InputError(f"unknown tracker '{name}': known are {', '.join(TRACKERS)}")
     try:
-        importlib.import_module(name)
+        import_extra(name)
     except ImportError as error:
-        raise InputError(
-            f"--track {name} needs a package that is not installed: "
-            f"pip install 'orchid-uav[{name}]'"
-        ) from error
+        raise InputError(f"--track {name}: {error}") from error
 
 
 def open_tracker(name: str, directory: Path, config: RunConfig) -> "SafeTracker":

@@ -1,6 +1,7 @@
 """Small runs, and what tests of them have in common."""
 
 import hashlib
+import importlib.util
 import json
 import os
 import re
@@ -51,6 +52,11 @@ COLUMNS = [
 WHOLE_NUMBERS = ("episode", "collisions", "boundary_violations", "backhaul_violations", "reset")
 
 ESCAPE = "\x1b"
+
+NEEDS_SUPERSUIT = pytest.mark.skipif(
+    importlib.util.find_spec("supersuit") is None,
+    reason="SuperSuit, the extra 'supersuit', is not installed",
+)
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ import pytest
 
 from orchid_uav.agents import MAPPO, load_policy
 from orchid_uav.cli import display
+from orchid_uav.envs.extras import install_command
 from orchid_uav.experiments import trackers
 from tests.running import (
     COLUMNS,
@@ -163,7 +164,7 @@ class TestWrongUsage:
 
     def test_a_tracker_whose_package_is_missing_makes_no_run(self, train, new_runs, monkeypatch):
         monkeypatch.setitem(sys.modules, "mlflow", None)
-        assert_is_an_error(train("--track=mlflow"), "mlflow", "pip install 'orchid-uav[mlflow]'")
+        assert_is_an_error(train("--track=mlflow"), "--track mlflow", install_command("mlflow"))
         assert new_runs() == []
 
     def test_a_traceback_is_shown_only_on_demand(self, train):

@@ -13,7 +13,7 @@ from pettingzoo.test import parallel_api_test, parallel_seed_test
 from stable_baselines3.common.env_checker import check_env as check_sb3_env
 from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
-import orchid_uav  # noqa: F401 - registers orchid/Fleet-v0
+import orchid_uav  # registers orchid/Fleet-v0
 from orchid_uav.envs import (
     EPISODE_METRICS,
     SLOT_METRICS,
@@ -23,6 +23,8 @@ from orchid_uav.envs import (
     parallel_env,
     world_seeds,
 )
+from orchid_uav.envs.extras import install_command
+from tests.running import NEEDS_SUPERSUIT
 
 SHORT = {"uavs": 3, "users": 20, "episode_slots": 12}
 SNAPSHOT = {
@@ -180,6 +182,7 @@ class TestParallel:
 
 
 class TestSamePathsSameNumbers:
+    @NEEDS_SUPERSUIT
     @pytest.mark.parametrize("distribution", ["tcp", "uniform"])
     def test_native_and_supersuit(self, distribution):
         keywords = {**SHORT, "distribution": distribution, "speed_mps": 10.0}
@@ -233,6 +236,7 @@ def assert_same(first: object, second: object) -> None:
         np.testing.assert_array_equal(first, second)
 
 
+@NEEDS_SUPERSUIT
 class TestSuperSuitMended:
     def make(self, worlds: int = 3, seed: int | None = 1):
         return make_supersuit_vec_env(lambda: parallel_env(**SHORT), worlds, seed=seed)
@@ -286,6 +290,16 @@ class TestSuperSuitMended:
     def test_no_worlds(self):
         with pytest.raises(ValueError, match="at least 1"):
             self.make(worlds=0)
+
+
+def test_without_supersuit_all_else_is_there(monkeypatch):
+    monkeypatch.setitem(sys.modules, "supersuit", None)
+    monkeypatch.delitem(sys.modules, "orchid_uav.envs.supersuit_path", raising=False)
+    for name in orchid_uav.envs.__all__:
+        assert getattr(orchid_uav.envs, name) is not None
+    with pytest.raises(ImportError, match="supersuit cannot be imported") as refusal:
+        make_supersuit_vec_env(lambda: parallel_env(**SHORT))
+    assert install_command("supersuit") in str(refusal.value)
 
 
 class TestNative:

@@ -12,6 +12,7 @@ from orchid_uav.agents import MADDPG, JointCriticPolicy
 from orchid_uav.callbacks import EpisodeLog
 from orchid_uav.envs import make_supersuit_vec_env, make_vec_env, parallel_env
 from tests.learning import MADDPG_NETWORKS, SMALL, ConstantReward, Wishes, small_maddpg
+from tests.running import NEEDS_SUPERSUIT
 
 
 def weights(module: nn.Module) -> torch.Tensor:
@@ -248,6 +249,7 @@ class TestFiles:
 
 
 class TestOtherEnvironments:
+    @NEEDS_SUPERSUIT
     def test_native_and_supersuit_learn_the_same(self):
         native = small_maddpg(worlds=2)
         native.learn(4 * 20)
@@ -263,6 +265,7 @@ class TestOtherEnvironments:
         through_supersuit.learn(4 * 20)
         assert torch.equal(weights(native.policy), weights(through_supersuit.policy))
 
+    @NEEDS_SUPERSUIT
     def test_actions_reach_bounds_other_than_plus_and_minus_one(self):
         env = make_supersuit_vec_env(
             lambda: simple_spread_v3.parallel_env(continuous_actions=True), 2, seed=0
@@ -281,6 +284,7 @@ class TestOtherEnvironments:
         np.testing.assert_allclose(model.predict(seen)[0], (means + 1.0) / 2.0, atol=1e-6)
         assert model.replay_buffer.arrays[6].sum() == 0  # 25 cycles are a time limit
 
+    @NEEDS_SUPERSUIT
     def test_refuses_actions_that_are_no_bounded_numbers(self):
         with pytest.raises(TypeError, match="bounded Box"):
             MADDPG("JointCriticPolicy", make_supersuit_vec_env(simple_spread_v3.parallel_env, 1))

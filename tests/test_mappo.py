@@ -16,6 +16,7 @@ from orchid_uav.envs.centralized import CentralizedState
 from orchid_uav.experiments.configuration import RunConfig
 from orchid_uav.experiments.training import build_model, build_reset_and_finetune
 from tests.learning import SMALL, ConstantReward, small_model
+from tests.running import NEEDS_SUPERSUIT
 
 
 def rows_of(model: MAPPO) -> dict[str, torch.Tensor]:
@@ -264,6 +265,7 @@ def test_saves_and_loads_like_any_sb3_model(tmp_path):
 
 
 class TestOtherEnvironments:
+    @NEEDS_SUPERSUIT
     def test_native_and_supersuit_learn_the_same(self):
         native = small_model(worlds=2)
         native.learn(5 * 20)
@@ -281,6 +283,7 @@ class TestOtherEnvironments:
         ):
             assert torch.equal(first, second)
 
+    @NEEDS_SUPERSUIT
     def test_actions_reach_bounds_other_than_plus_and_minus_one(self):
         env = make_supersuit_vec_env(
             lambda: simple_spread_v3.parallel_env(continuous_actions=True), 2, seed=0
@@ -295,6 +298,7 @@ class TestOtherEnvironments:
         actions, _ = model.predict(env.reset(), deterministic=False)
         assert env.action_space.contains(actions[0])
 
+    @NEEDS_SUPERSUIT
     def test_refuses_what_it_cannot_act_in(self):
         env = make_supersuit_vec_env(simple_spread_v3.parallel_env, 1)
         with pytest.raises(TypeError, match="bounded Box"):

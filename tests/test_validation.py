@@ -25,6 +25,7 @@ from benchmarks.training_speed import FLEET_SETTINGS
 from benchmarks.validation import Arm, compact, jobs, run
 from orchid_uav.envs import make_supersuit_vec_env
 from orchid_uav.experiments.configuration import RunConfig
+from tests.running import NEEDS_SUPERSUIT
 from tests.test_architecture import imports_of
 
 TINY = Settings(
@@ -119,6 +120,7 @@ class TestProgress:
         assert progress.training_s == 11.0
 
 
+@NEEDS_SUPERSUIT
 class TestOurLearners:
     @pytest.mark.parametrize("method", ["mappo", "maddpg", "ippo"])
     def test_a_seed_gives_the_same_policy_again_and_all_frames_are_used(self, method):
