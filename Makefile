@@ -9,7 +9,7 @@ ROOMS := src envs agents callbacks experiments orchid_cli
 JOBS ?= 2
 
 .DEFAULT_GOAL := help
-.PHONY: help install train test lint bench docs docs-data mutants reference studies ablation public validation fixed-batch clean FORCE
+.PHONY: help install train test test-lowest test-newest lint bench docs docs-data mutants reference studies ablation public validation fixed-batch clean FORCE
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -21,6 +21,13 @@ train: install  ## train the paper's run: 700 episodes, about two minutes
 
 test: install  ## run the tests
 	$(BIN)/python -m pytest -n $(JOBS)
+
+test-lowest: .venv-lowest/.installed  ## run the tests with the lowest versions that pyproject.toml admits
+test-newest: .venv-newest/.installed  ## run the tests with the newest versions of all but torch
+
+# Old libraries beside new ones deprecate each other: no fault of ours, and none of theirs either.
+test-lowest test-newest: test-%:
+	.venv-$*/bin/python -m pytest -n $(JOBS) -W ignore::DeprecationWarning
 
 lint: install  ## ruff and mypy
 	$(BIN)/ruff check .
@@ -64,14 +71,36 @@ docs: install  ## build the documentation into site/; a dead link fails
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 clean:  ## remove everything that was built; runs stay
-	rm -rf .venv .venv-benchmarl .venv-agilerl build dist site *.egg-info src/*.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf .venv .venv-* build dist site *.egg-info src/*.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 .venv/.installed: pyproject.toml constraints.txt
-	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt torch
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --config-settings editable_mode=strict --editable '.[dev]'
-	@touch $@
+	$(call install_into,.venv,--constraint constraints.txt)
+
+.venv-lowest/.installed: FORCE
+	$(call install_into,.venv-lowest,--constraint constraints-lowest.txt)
+
+.venv-newest/.installed: FORCE
+	rm -rf .venv-newest
+	mkdir .venv-newest
+	grep '^torch==' constraints.txt > .venv-newest/torch.txt
+	$(call install_into,.venv-newest,--constraint .venv-newest/torch.txt)
+
+# install_into VENV,CONSTRAINTS: torch first, so that nothing asks for another build of it.
+define install_into
+@$(PYTHON) src/orchid_uav/python_version.py || { echo "Name another one: make PYTHON=python3.12 $(MAKECMDGOALS)" >&2; exit 1; }
+$(PYTHON) -m venv $(1)
+$(1)/bin/python -m pip install --quiet $(2) torch
+$(1)/bin/python -m pip install --quiet $(2) --config-settings editable_mode=strict --editable '.[dev]' || { echo "$$NO_COMPILER" >&2; exit 1; }
+@touch $(1)/.installed
+endef
+
+define NO_COMPILER
+If it was tinyscaler that could not be built: SuperSuit needs it, and it has no wheels for Python 3.13 and
+newer, nor for Linux on Arm. Install a C compiler and the headers of that Python (Debian: apt install
+build-essential python3-dev), or take a Python that has a wheel: make PYTHON=python3.12 $(MAKECMDGOALS)
+endef
+export NO_COMPILER
 
 .venv/.linked: .venv/.installed .venv/.files
 	$(BIN)/python -m pip install --quiet --no-deps --config-settings editable_mode=strict --editable .

@@ -78,7 +78,7 @@ def layers_of(given: Mapping[str, Any], assignments: Layer, flags: Iterable[str]
     """Preset < file < assignments < named flags, of the parameters given to a command."""
     layers = [preset_layer(given["preset"])]
     if given["config"] is not None:
-        layers.append(file_layer(given["config"]))
+        layers.append(file_layer(Path(given["config"])))  # typer before 0.29 leaves it a str
     layers.append(assignments)
     layers += [
         Layer(f"--{name}", {FLAGS[name]: given[name]}) for name in flags if given[name] is not None
