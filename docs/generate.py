@@ -6,17 +6,15 @@ page is not what this script makes of them.
 """
 
 from pathlib import Path
-from typing import Any, get_args
-
-from annotated_types import Ge, Gt, Le, Lt
-from pydantic.fields import FieldInfo
+from typing import Any
 
 from docs.ablations import ABLATION_BLOCKS, draw_ablations
 from docs.deployments import draw_deployment
 from docs.findings import FINDING_BLOCKS
 from docs.studies import BLOCKS, draw_studies, record_sources
 from docs.validations import VALIDATION_BLOCKS, draw_validation
-from orchid_uav.experiments.configuration import RunConfig, unit_of
+from orchid_uav.envs.keys import unit_of, values_of
+from orchid_uav.experiments.configuration import RunConfig
 
 ROOT = Path(__file__).parent.parent
 BEGIN, END = "<!-- begin generated: {} -->", "<!-- end generated: {} -->"
@@ -29,7 +27,15 @@ def configuration_page() -> str:
         "",
         "Every key with its default, unit, range and meaning; the defaults are the paper's (preset",
         "`paper`). M1 … M33 are the [decisions](model.md#decisions) on what the paper leaves open.",
-        "Set them in a TOML or JSON file (`--config`), or singly (`--set network.user_count=50`).",
+        "Ranges include both ends; `3 × 0..10` are three numbers, each within 0..10. They are wide",
+        "on purpose: a run with any values within them is flown with finite numbers.",
+        "",
+        "Set them in a TOML or JSON file (`--config lab.toml`), or singly (`--set",
+        "network.user_count=50`, `--set uav.displacement_scale_m=15,15,5`). `--config` reads pipes",
+        "too, as in `--config /dev/stdin` or `--config <(make-my-configuration)`: JSON if it",
+        "begins with a brace, else TOML. `orchid config show` prints the merged configuration with",
+        "the ranges, and with `--changed` only what differs from the preset.",
+        "",
         "This page is made from the code by `make docs-data`.",
     ]
     for section, info in RunConfig.model_fields.items():
@@ -39,7 +45,7 @@ def configuration_page() -> str:
         for field, description in model.model_fields.items():
             lines.append(
                 f"| `{section}.{field}` | {_default(description.default)} | {unit_of(field)} "
-                f"| {_values(description)} | {description.description} |"
+                f"| {values_of(description, quote='`')} | {description.description} |"
             )
     return "\n".join(lines) + "\n"
 
@@ -52,31 +58,6 @@ def _default(value: Any) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     return "none" if value is None else str(value)
-
-
-def _values(field: FieldInfo) -> str:
-    bounds = [*field.metadata, *_nested_bounds(field.annotation)]
-    words = {Gt: "> {}", Ge: "≥ {}", Lt: "< {}", Le: "≤ {}"}
-    texts = [
-        words[type(bound)].format(getattr(bound, type(bound).__name__.lower()))
-        for bound in bounds
-        if type(bound) in words
-    ]
-    choices = [choice for choice in _choices(field.annotation) if isinstance(choice, str)]
-    return ", ".join(dict.fromkeys(f"`{choice}`" for choice in choices) or dict.fromkeys(texts))
-
-
-def _nested_bounds(annotation: Any) -> list[Any]:
-    found = list(getattr(annotation, "__metadata__", ()))
-    found = [bound for item in found for bound in (getattr(item, "metadata", None) or [item])]
-    for argument in get_args(annotation):
-        found += _nested_bounds(argument)
-    return found
-
-
-def _choices(annotation: Any) -> list[Any]:
-    arguments = get_args(annotation)
-    return [leaf for argument in arguments for leaf in (_choices(argument) or [argument])]
 
 
 def replace_block(text: str, name: str, content: str) -> str:

@@ -12,18 +12,32 @@ from typing import Annotated, Any, Literal
 from pydantic import (
     BaseModel,
     ConfigDict,
-    Field,
     ValidationError,
     ValidationInfo,
     field_validator,
     model_validator,
 )
 
-Positive = Annotated[float, Field(gt=0)]
-NotNegative = Annotated[float, Field(ge=0)]
-Pair = tuple[NotNegative, NotNegative]
-Level = Annotated[float, Field(ge=-400, le=400)]
-"""In dB, dBm or dBi; beyond these bounds powers leave the range of floating-point numbers."""
+from orchid_uav.envs.keys import unit_of, values_of, within
+
+Distance = Annotated[float, within(0.0, 1e6)]
+"""In m, up to a thousand kilometres."""
+Altitude = Annotated[float, within(0.01, 1e5)]
+"""In m, up to the edge of space."""
+TransmitPower = Annotated[float, within(1e-9, 1e4)]
+"""In W."""
+RotorPower = Annotated[float, within(1e-3, 1e6)]
+"""In W."""
+Bandwidth = Annotated[float, within(1.0, 1e12)]
+"""In Hz."""
+Level = Annotated[float, within(-200.0, 200.0)]
+"""In dBm or dBi."""
+ExcessLoss = Annotated[float, within(-100.0, 300.0)]
+"""In dB."""
+RequiredSnr = Annotated[float, within(-100.0, 200.0)]
+"""In dB; far below, the spectral efficiency of a link that is served would round to 0."""
+Weight = Annotated[float, within(0.0, 1e6)]
+Pair = tuple[Weight, Weight]
 
 
 class Section(BaseModel):
@@ -47,31 +61,31 @@ class Section(BaseModel):
 class NetworkParameters(Section):
     """The area, its users, and how long an episode is."""
 
-    area_m: Positive = 2000.0
+    area_m: Annotated[float, within(1.0, 1e6)] = 2000.0
     """Side D of the square service area."""
-    user_count: Annotated[int, Field(ge=2)] = 100
+    user_count: Annotated[int, within(2, 100_000)] = 100
     """Ground users M; at least one more than UAVs."""
-    uav_count: Annotated[int, Field(ge=1)] = 6
+    uav_count: Annotated[int, within(1, 1000)] = 6
     """UAVs N."""
-    total_bandwidth_hz: Positive | None = None
+    total_bandwidth_hz: Bandwidth | None = None
     """If set, every UAV gets B = B_total / N instead of `subband_bandwidth_hz` (M2)."""
-    subband_bandwidth_hz: Positive = 10e6
+    subband_bandwidth_hz: Bandwidth = 10e6
     """Sub-band B of each UAV (M2)."""
     distribution: Literal["tcp", "uniform"] = "tcp"
     """Where users are: a Thomas cluster process (M6) or uniform over the area."""
-    hotspot_count: Annotated[int, Field(ge=1)] = 5
+    hotspot_count: Annotated[int, within(1, 100_000)] = 5
     """Parent points K_p of the Thomas process."""
-    scatter_std_m: NotNegative = 150.0
+    scatter_std_m: Distance = 150.0
     """Standard deviation of users around their parent point, per axis."""
-    sensing_error_std_m: NotNegative = 0.0
+    sensing_error_std_m: Distance = 0.0
     """Standard deviation of the error on the user positions that Phase I sees, per axis (M29)."""
-    user_speed_mps: NotNegative = 0.0
+    user_speed_mps: Annotated[float, within(0.0, 1000.0)] = 0.0
     """Greatest speed of the users' random walk; 0 keeps them still (M16)."""
-    heading_hold_s: Positive = 1.0
+    heading_hold_s: Annotated[float, within(1e-3, 1e9)] = 1.0
     """How long a user keeps its speed and heading (M16)."""
-    slot_s: Positive = 1.0
+    slot_s: Annotated[float, within(1e-3, 86400.0)] = 1.0
     """Duration of a time slot."""
-    episode_slots: Annotated[int, Field(ge=1)] = 200
+    episode_slots: Annotated[int, within(1, 1_000_000)] = 200
     """Slots T of an episode, a time limit (M15)."""
 
     @model_validator(mode="after")
@@ -87,25 +101,25 @@ class NetworkParameters(Section):
 class UavParameters(Section):
     """What a UAV may do."""
 
-    initial_altitude_m: Positive = 100.0
+    initial_altitude_m: Altitude = 100.0
     """Altitude H_init at which an episode begins."""
-    min_altitude_m: Positive = 80.0
+    min_altitude_m: Altitude = 80.0
     """Lowest altitude H_min."""
-    max_altitude_m: Positive = 120.0
+    max_altitude_m: Altitude = 120.0
     """Highest altitude H_max."""
-    max_speed_mps: Positive = 15.0
+    max_speed_mps: Annotated[float, within(0.01, 1000.0)] = 15.0
     """Greatest 3-D speed V_max (M5)."""
-    displacement_scale_m: tuple[NotNegative, NotNegative, NotNegative] = (15.0, 15.0, 5.0)
+    displacement_scale_m: tuple[Distance, Distance, Distance] = (15.0, 15.0, 5.0)
     """V_scale: the move per slot that an action of 1 asks for, along x, y, z (M5)."""
-    min_separation_m: NotNegative = 5.0
+    min_separation_m: Distance = 5.0
     """Safety clearance d_min between two UAVs."""
-    min_transmit_power_w: Positive = 0.1
+    min_transmit_power_w: TransmitPower = 0.1
     """Least transmit power P_min."""
-    max_transmit_power_w: Positive = 0.2
+    max_transmit_power_w: TransmitPower = 0.2
     """Greatest transmit power P_max."""
-    initial_transmit_power_w: Positive | None = None
+    initial_transmit_power_w: TransmitPower | None = None
     """Transmit power at the start of an episode; by default half-way between the limits (M10)."""
-    power_step_w: NotNegative = 0.01
+    power_step_w: Annotated[float, within(0.0, 1e4)] = 0.01
     """Change of transmit power per slot that an action of 1 asks for, delta_p."""
     observation: Literal["paper"] = "paper"
     """What a UAV sees: `paper` is the 16 numbers of Section IV-C1 (M18)."""
@@ -136,25 +150,25 @@ class UavParameters(Section):
 class RotorParameters(Section):
     """Aerodynamics of the rotary-wing UAV."""
 
-    blade_profile_power_w: Positive = 79.856
+    blade_profile_power_w: RotorPower = 79.856
     """Blade profile power P_0 in hover."""
-    induced_power_w: Positive = 314.15
+    induced_power_w: RotorPower = 314.15
     """Induced power P_i in hover."""
-    tip_speed_mps: Positive = 120.0
+    tip_speed_mps: Annotated[float, within(1.0, 1000.0)] = 120.0
     """Tip speed U_tip of the rotor blade."""
-    induced_velocity_mps: Positive = 4.03
+    induced_velocity_mps: Annotated[float, within(0.1, 100.0)] = 4.03
     """Mean rotor induced velocity v_0 in hover."""
-    fuselage_drag_ratio: NotNegative = 0.6
+    fuselage_drag_ratio: Annotated[float, within(0.0, 100.0)] = 0.6
     """Fuselage drag ratio d_fuse."""
-    air_density_kg_per_m3: Positive = 1.225
+    air_density_kg_per_m3: Annotated[float, within(1e-6, 100.0)] = 1.225
     """Air density rho."""
-    solidity: Positive = 0.05
+    solidity: Annotated[float, within(1e-6, 1.0)] = 0.05
     """Rotor solidity s."""
-    disc_area_m2: Positive = 0.503
+    disc_area_m2: Annotated[float, within(1e-4, 1000.0)] = 0.503
     """Rotor disc area A."""
     climb_power: bool = False
     """Add m g max(v_z, 0), which the paper's formula leaves out (M24)."""
-    mass_kg: Positive = 4.7
+    mass_kg: Annotated[float, within(1e-3, 1e4)] = 4.7
     """Mass for `climb_power`: P_i of Table I belongs to 4.7 kg, v_0 to 2 kg (M24)."""
 
     def power_curve(self) -> dict[str, float]:
@@ -165,27 +179,27 @@ class RotorParameters(Section):
 class ChannelParameters(Section):
     """Radio propagation and receiver thresholds."""
 
-    carrier_frequency_hz: Positive = 2.4e9
+    carrier_frequency_hz: Annotated[float, within(1e6, 1e12)] = 2.4e9
     """Carrier frequency f_c."""
-    s_curve_a: Positive = 9.61
+    s_curve_a: Annotated[float, within(1e-6, 100.0)] = 9.61
     """S-curve parameter a of the LoS probability."""
-    s_curve_b: Positive = 0.16
+    s_curve_b: Annotated[float, within(1e-6, 5.0)] = 0.16
     """S-curve parameter b of the LoS probability."""
-    excess_loss_los_db: Level = 1.0
+    excess_loss_los_db: ExcessLoss = 1.0
     """Mean excess loss eta_LoS."""
-    excess_loss_nlos_db: Level = 20.0
+    excess_loss_nlos_db: ExcessLoss = 20.0
     """Mean excess loss eta_NLoS, not below eta_LoS."""
-    noise_density_dbm_per_hz: Level = -174.0
+    noise_density_dbm_per_hz: Annotated[float, within(-300.0, 100.0)] = -174.0
     """Noise power density N_0."""
-    required_snr_db: Level = 6.0
+    required_snr_db: RequiredSnr = 6.0
     """SNR Gamma_req from which a user is served (M11)."""
     access_transmit_gain_dbi: Level = 0.0
     """UAV antenna gain G_tx towards users (M3)."""
     access_receive_gain_dbi: Level = 0.0
     """User antenna gain G_rx (M3)."""
-    backhaul_bandwidth_hz: Positive = 20e6
+    backhaul_bandwidth_hz: Bandwidth = 20e6
     """Backhaul bandwidth B_BH."""
-    backhaul_required_snr_db: Level = 10.0
+    backhaul_required_snr_db: RequiredSnr = 10.0
     """Least backhaul SNR gamma_th."""
     backhaul_gbs_gain_dbi: Level = 0.0
     """GBS antenna gain G_GBS on the backhaul (M3)."""
@@ -233,15 +247,15 @@ class ChannelParameters(Section):
 class GbsParameters(Section):
     """The ground base station in the middle of the area, and its users' link (M4)."""
 
-    height_m: Positive = 30.0
+    height_m: Altitude = 30.0
     """Antenna height H_GBS."""
     transmit_power_dbm: Level = 30.0
     """Transmit power P_GBS."""
-    path_loss_exponent: Positive = 3.5
+    path_loss_exponent: Annotated[float, within(0.1, 10.0)] = 3.5
     """Exponent beta of the GBS-to-user path loss (M4)."""
-    shadowing_std_db: NotNegative = 8.0
+    shadowing_std_db: Annotated[float, within(0.0, 100.0)] = 8.0
     """Standard deviation sigma_sh of the shadowing, drawn once per user and episode (M4)."""
-    access_bandwidth_hz: Positive = 10e6
+    access_bandwidth_hz: Bandwidth = 10e6
     """Bandwidth that the GBS divides equally among its users (M4)."""
 
 
@@ -250,7 +264,7 @@ class DeploymentParameters(Section):
 
     init: Literal["kmeans", "random"] = "kmeans"
     """GBS-aware K-Means++ centroids, or random positions (M28)."""
-    n_init: Annotated[int, Field(ge=1)] = 1
+    n_init: Annotated[int, within(1, 10_000)] = 1
     """K-Means++ runs, of which the best by WCSS is kept (M27)."""
 
 
@@ -261,7 +275,7 @@ class RewardParameters(Section):
     """MMF: rate JFI and max-min shares; PF: mean log rate and equal shares (M12, M13)."""
     shares: Literal["mmf", "pf", "se"] | None = None
     """Bandwidth shares within a cell; by default those of the objective (M12)."""
-    coverage_weight: NotNegative = 0.5
+    coverage_weight: Weight = 0.5
     """Weight w_1 of coverage."""
     efficiency_weight: Pair = (0.2, 0.5)
     """Weight w_2 of the energy efficiency."""
@@ -271,15 +285,15 @@ class RewardParameters(Section):
     """Weight w_4 of the rate term."""
     penalty_weight: Pair = (0.1, 0.3)
     """Weight w_5 of the penalties."""
-    collision_penalty: NotNegative = 2.5
+    collision_penalty: Weight = 2.5
     """Penalty lambda_c per UAV that is too close."""
-    boundary_penalty: NotNegative = 1.0
+    boundary_penalty: Weight = 1.0
     """Penalty lambda_b for a wanted position outside the flight box (M25)."""
     backhaul_penalty: Pair = (0.0, 45.0)
     """Penalty lambda_bh for a weak backhaul (M8)."""
-    log_rate_floor_bps: Positive = 10e3
+    log_rate_floor_bps: Annotated[float, within(1e-3, 1e12)] = 10e3
     """R_lo of the PF reward: the rate that is worth nothing (M13)."""
-    power_epsilon_w: NotNegative = 1e-9
+    power_epsilon_w: Annotated[float, within(0.0, 1e6)] = 1e-9
     """Constant epsilon in the denominator of the energy efficiency."""
 
     @property
@@ -305,6 +319,19 @@ class Parameters(Section):
     """Phase I."""
     reward: RewardParameters = RewardParameters()
     """Reward terms, weights and penalties."""
+
+    @model_validator(mode="after")
+    def _room_for_a_random_start(self) -> Parameters:
+        uavs, apart_m = self.network.uav_count, self.uav.min_separation_m
+        if self.deployment.init == "random" and apart_m > 0.0:
+            # Oler's bound on the points of a square that lie so far apart (1961).
+            sides = self.network.area_m / apart_m
+            if uavs > 2.0 / 3.0**0.5 * sides**2 + 2.0 * sides + 1.0:
+                raise ValueError(
+                    f"there is no room for {uavs} UAVs min_separation_m = {apart_m:g} m apart, as "
+                    f"init = random wants them, in area_m = {self.network.area_m:g} m"
+                )
+        return self
 
     @property
     def bandwidth_hz(self) -> float:
@@ -353,7 +380,7 @@ class Parameters(Section):
         try:
             return Parameters.model_validate(merged)
         except ValidationError as error:
-            raise ValueError(describe_error(error)[1]) from error
+            raise ValueError(describe_error(error, Parameters)[1]) from error
 
     @classmethod
     def locate(cls, name: str) -> tuple[str, str]:
@@ -376,11 +403,31 @@ class Parameters(Section):
         return found[0]
 
 
-def describe_error(error: ValidationError) -> tuple[list[str], str]:
-    """Where the first of pydantic's complaints lies, and the complaint in one line."""
+def describe_error(error: ValidationError, model: type[BaseModel]) -> tuple[list[str], str]:
+    """Where the first of pydantic's complaints lies, and the complaint in one line.
+
+    Args:
+        error: of validating a ``model``.
+        model: consists of sections.
+    """
     first = error.errors()[0]
     location = [str(part) for part in first["loc"]]
     message = first["msg"].removeprefix("Value error, ")
     if len(location) < 2:  # a rule about several values
         return location, f"{location[0]}: {message}" if location else message
-    return location, f"{'.'.join(location[:2])} = {first['input']!r}: {message.lower()}"
+    section, field = location[:2]
+    told = message.lower()
+    if first["type"] in _OUT_OF_RANGE:
+        known = type(model.model_fields[section].default).model_fields[field]
+        values = values_of(known)
+        if "than" in first["type"]:  # a number, perhaps one of several
+            values = "within " + values.rpartition("× ")[2]
+        told = f"not {values} {unit_of(field)}".rstrip()
+    return location, f"{section}.{field} = {first['input']!r}: {told}"
+
+
+_OUT_OF_RANGE = {
+    *("greater_than", "greater_than_equal", "less_than", "less_than_equal"),
+    *("missing", "too_short", "too_long"),
+}
+"""Pydantic's complaints about a number, or about how many there are."""

@@ -3,32 +3,45 @@
 import difflib
 import json
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
+import warnings
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import Field, ValidationError, model_validator
+from pydantic.fields import FieldInfo
 
+from orchid_uav.envs.keys import holds_several, within
 from orchid_uav.envs.parameters import (
     NetworkParameters,
-    NotNegative,
     Pair,
     Parameters,
-    Positive,
     Section,
+    Weight,
     describe_error,
 )
+from orchid_uav.experiments.configuration_files import read_configuration
 from orchid_uav.experiments.errors import InputError
 
-Fraction = Annotated[float, Field(ge=0, le=1)]
+Fraction = Annotated[float, within(0.0, 1.0)]
+LearningRate = Annotated[float, within(0.0, 1e40)]
+"""No limit but that of numbers: a rate that is too high ends its run with a word of its own."""
+LayerSizes = Annotated[
+    tuple[Annotated[int, within(1, 4096)], ...], Field(min_length=1, max_length=16)
+]
+"""The greatest networks that :func:`orchid_uav.agents.load_policy` reads."""
+GradientNorm = Annotated[float, within(1e-12, 1e12)]
+AdamEpsilon = Annotated[float, within(1e-30, 1.0)]
+Tolerance = Annotated[float, within(1e-15, 1e12)]
+Episodes = Annotated[int, within(1, 1_000_000_000)]
 
 
 class PpoParameters(Section):
     """MAPPO."""
 
-    actor_learning_rate: NotNegative = 1e-4
+    actor_learning_rate: LearningRate = 1e-4
     """Learning rate eta_actor; with both at 0 the policy stays as it began."""
-    critic_learning_rate: NotNegative = 1e-3
+    critic_learning_rate: LearningRate = 1e-3
     """Learning rate eta_critic."""
     discount: Fraction = 0.99
     """Discount factor gamma_df."""
@@ -36,58 +49,50 @@ class PpoParameters(Section):
     """Parameter lambda_GAE of the advantage estimation."""
     clip_ratio: Annotated[float, Field(gt=0, lt=1)] = 0.2
     """Clip ratio epsilon_clip."""
-    batch_size: Annotated[int, Field(ge=2)] = 128
+    batch_size: Annotated[int, within(2, 10_000_000)] = 128
     """Samples per gradient step, a sample being one UAV's step."""
-    epochs: Annotated[int, Field(ge=1)] = 4
+    epochs: Annotated[int, within(1, 10_000)] = 4
     """Passes over each rollout."""
     entropy_coef: Pair = (0.01, 0.0)
     """Entropy coefficient c_e at training progress 0 and 1."""
-    value_coef: NotNegative = 0.5
+    value_coef: Weight = 0.5
     """Weight of the value loss (M31)."""
-    max_grad_norm: Positive = 0.5
+    max_grad_norm: GradientNorm = 0.5
     """Gradient norm at which actor and critic are clipped, each by itself (M31)."""
-    hidden_sizes: Annotated[tuple[Annotated[int, Field(ge=1)], ...], Field(min_length=1)] = (
-        256,
-        256,
-        256,
-    )
+    hidden_sizes: LayerSizes = (256, 256, 256)
     """Hidden layers of actor and critic."""
-    log_std_init: float = 0.0
+    log_std_init: Annotated[float, within(-50.0, 50.0)] = 0.0
     """First value of the actor's log standard deviation (M31)."""
-    adam_epsilon: Positive = 1e-5
+    adam_epsilon: AdamEpsilon = 1e-5
     """Adam's epsilon (M31)."""
 
 
 class MaddpgParameters(Section):
     """MADDPG; what the paper does not give is decision M32."""
 
-    actor_learning_rate: NotNegative = 1e-4
+    actor_learning_rate: LearningRate = 1e-4
     """Learning rate of the actor, as eta_actor."""
-    critic_learning_rate: NotNegative = 1e-3
+    critic_learning_rate: LearningRate = 1e-3
     """Learning rate of the critic, as eta_critic."""
     discount: Fraction = 0.99
     """Discount factor gamma_df."""
-    batch_size: Annotated[int, Field(ge=2)] = 128
+    batch_size: Annotated[int, within(2, 10_000_000)] = 128
     """Whole-fleet transitions per update."""
-    buffer_size: Annotated[int, Field(ge=2)] = 100_000
+    buffer_size: Annotated[int, within(2, 10_000_000)] = 100_000
     """Whole-fleet transitions kept for replay (M32)."""
     target_rate: Annotated[float, Field(gt=0, le=1)] = 0.01
     """Share of the networks that their targets take over at an update (M32)."""
-    exploration_std: NotNegative = 0.1
+    exploration_std: Annotated[float, within(0.0, 1000.0)] = 0.1
     """Standard deviation of the Gaussian noise on actions in [-1, 1] (M32)."""
-    update_every_slots: Annotated[int, Field(ge=1)] = 4
+    update_every_slots: Annotated[int, within(1, 1_000_000)] = 4
     """Slots between two updates (M32)."""
-    preactivation_penalty: NotNegative = 1e-3
+    preactivation_penalty: Weight = 1e-3
     """Weight of the squared actor's output before tanh in its loss (Lowe et al.'s code)."""
-    max_grad_norm: Positive = 0.5
+    max_grad_norm: GradientNorm = 0.5
     """Gradient norm at which actor and critic are clipped, each by itself."""
-    hidden_sizes: Annotated[tuple[Annotated[int, Field(ge=1)], ...], Field(min_length=1)] = (
-        256,
-        256,
-        256,
-    )
+    hidden_sizes: LayerSizes = (256, 256, 256)
     """Hidden layers of actor and critic."""
-    adam_epsilon: Positive = 1e-5
+    adam_epsilon: AdamEpsilon = 1e-5
     """Adam's epsilon."""
 
     @model_validator(mode="after")
@@ -104,15 +109,15 @@ class ResetParameters(Section):
 
     enabled: bool = True
     """Whether Reset-and-Finetune acts at all."""
-    window: Annotated[int, Field(ge=1)] = 50
+    window: Episodes = 50
     """Episodes W of each of the two windows compared."""
-    tolerance_jfi: Positive = 0.05
+    tolerance_jfi: Tolerance = 0.05
     """Relative change of the rate JFI below which it counts as plateaued."""
-    tolerance_reward: Positive = 0.05
+    tolerance_reward: Tolerance = 0.05
     """Relative change of the reward below which it counts as plateaued."""
     kappa: Annotated[float, Field(gt=0, le=1)] = 0.5
     """Factor on both learning rates at a reset (M1)."""
-    max_resets: Annotated[int, Field(ge=1)] = 1
+    max_resets: Annotated[int, within(1, 1_000_000)] = 1
     """Interventions at most (M22)."""
     trigger: Literal["plateau", "random"] = "plateau"
     """When it acts; `random`, a control, draws the episodes before training."""
@@ -123,9 +128,9 @@ class ResetParameters(Section):
 class CheckpointParameters(Section):
     """Saved states that a run can go on from."""
 
-    every_episodes: Annotated[int, Field(ge=1)] = 50
+    every_episodes: Episodes = 50
     """Episodes from one checkpoint to the next."""
-    keep: Annotated[int, Field(ge=1, le=1000)] = 3
+    keep: Annotated[int, within(1, 1000)] = 3
     """Latest checkpoints that are kept."""
 
 
@@ -134,17 +139,17 @@ class TrainingParameters(Section):
 
     algorithm: Literal["mappo", "maddpg"] = "mappo"
     """Learning algorithm; `maddpg` comes without Reset-and-Finetune unless it is asked for."""
-    episodes: Annotated[int, Field(ge=1)] = 700
+    episodes: Episodes = 700
     """Training episodes E_max."""
-    seed: Annotated[int, Field(ge=0, lt=2**32)] = 0
+    seed: Annotated[int, within(0, 2**32 - 1)] = 0
     """Seed of topologies, weights and exploration."""
-    worlds: Annotated[int, Field(ge=1)] = 1
+    worlds: Annotated[int, within(1, 100_000)] = 1
     """Worlds flown side by side; an update follows after each has flown one episode."""
-    schedule_episodes: Annotated[int, Field(ge=1)] | None = None
+    schedule_episodes: Episodes | None = None
     """Episodes over which training progress grows from 0 to 1; none: all of them (M9)."""
     final_learning_rate_scale: Fraction = 1.0
     """Factor on both learning rates at training progress 1, reached linearly; 1: constant."""
-    threads: Annotated[int, Field(ge=1, le=256)] = 1
+    threads: Annotated[int, within(1, 256)] = 1
     """Threads of torch; one is fastest for networks of this size."""
 
 
@@ -196,32 +201,28 @@ PRESETS: dict[str, dict[str, dict[str, Any]]] = {"paper": {}}
 ALGORITHM_DEFAULTS: dict[str, dict[str, Any]] = {"maddpg": {"reset.enabled": False}}
 """What differs from the defaults with an algorithm: Reset-and-Finetune is ORCHID's own."""
 
-UNITS = {
-    "bit_per_joule": "bit/J",
-    "dbm_per_hz": "dBm/Hz",
-    "kg_per_m3": "kg/m³",
-    "bps": "bit/s",
-    "dbi": "dBi",
-    "dbm": "dBm",
-    "deg": "°",
-    "mps": "m/s",
-    "db": "dB",
-    "hz": "Hz",
-    "kg": "kg",
-    "m2": "m²",
-    "m": "m",
-    "s": "s",
-    "w": "W",
+FLAGS = {
+    "uavs": "network.uav_count",
+    "users": "network.user_count",
+    "distribution": "network.distribution",
+    "init": "deployment.init",
+    "objective": "reward.objective",
+    "shares": "reward.shares",
+    "episodes": "training.episodes",
+    "seed": "training.seed",
+    "worlds": "training.worlds",
+    "algorithm": "training.algorithm",
+    "kappa": "reset.kappa",
 }
-"""Units by the ends of field names, longer ends first."""
+"""Configuration keys of the named flags."""
 
-
-def unit_of(field: str) -> str:
-    """The unit that a field's name ends with, or ''."""
-    for suffix, unit in UNITS.items():
-        if field.endswith("_" + suffix):
-            return unit
-    return ""
+_OTHER_NAMES = FLAGS | {
+    "no_rf": "reset.enabled",
+    "speeds": "network.user_speed_mps",
+    "speed_mps": "network.user_speed_mps",
+    "heading_hold": "network.heading_hold_s",
+}
+"""What keys are called elsewhere, on the command line and in Python."""
 
 
 class Layer(NamedTuple):
@@ -241,6 +242,15 @@ def configuration_keys() -> list[str]:
     ]
 
 
+def field_of(key: str) -> FieldInfo:
+    """What is declared of a key ``"section.key"``."""
+    section, field = key.split(".")
+    return type(RunConfig.model_fields[section].default).model_fields[field]
+
+
+_LISTS = {key for key in configuration_keys() if holds_several(field_of(key))}
+
+
 def flatten(config: RunConfig) -> dict[str, Any]:
     """Values by ``"section.key"``."""
     nested = config.model_dump(mode="json")
@@ -258,32 +268,31 @@ def preset_layer(name: str) -> Layer:
     return Layer(f"preset {name}", _by_dotted_key(PRESETS[name], f"preset {name}"))
 
 
-def file_layer(path: Path) -> Layer:
-    """A TOML or JSON file with sections."""
+def file_layer(path: Path, say: Callable[[str], object] = warnings.warn) -> Layer:
+    """A TOML or JSON file with sections, or a pipe: see :func:`read_configuration`."""
+    kind, text = read_configuration(path, say)
     try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"cannot read configuration {path}: {error}") from error
-    try:
-        if path.suffix == ".toml":
-            nested = tomllib.loads(text)
-        elif path.suffix == ".json":
-            nested = json.loads(text)
-        else:
-            raise InputError(f"configuration {path} ends in neither .toml nor .json")
+        nested = tomllib.loads(text) if kind == "toml" else json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise InputError(f"configuration {path} is not valid {path.suffix[1:]}: {error}") from error
+        raise InputError(f"configuration {path} is not valid {kind}: {error}") from error
     return Layer(str(path), _by_dotted_key(nested, str(path)))
 
 
 def assignment_layer(assignments: Iterable[str], option: str = "--set") -> Layer:
-    """Assignments ``section.key=value`` from the command line, values as in JSON or plain words."""
+    """Assignments ``section.key=value`` from the command line.
+
+    A value is written as in JSON or as a plain word, several as in JSON or with commas between.
+    """
     values: dict[str, Any] = {}
     for assignment in assignments:
         key, separator, text = assignment.partition("=")
         if not separator:
             raise InputError(f"{option} {assignment} is not of the form section.key=value")
-        values[key.strip()] = _parse(text.strip())
+        key, text = key.strip(), text.strip()
+        takes_list = key in _LISTS and not text.startswith("[")
+        values[key] = (
+            [_parse(part.strip()) for part in text.split(",")] if takes_list else _parse(text)
+        )
     return Layer(option, values)
 
 
@@ -350,13 +359,17 @@ def _unknown(kind: str, name: str, known: Iterable[str]) -> str:
     candidates = list(known)
     field = name.rpartition(".")[2]  # right, perhaps, in a section that is wrong or missing
     near = [key for key in candidates if key.rpartition(".")[2] == field]
+    flag = field.lstrip("-").replace("-", "_").lower()
+    if not near and kind != "preset" and flag in _OTHER_NAMES:
+        near = [_OTHER_NAMES[flag]]
     near = near or difflib.get_close_matches(name, candidates, n=1, cutoff=0.5)
-    hint = f"did you mean '{near[0]}'?" if near else f"known are {', '.join(candidates[:12])} ..."
+    right = " or ".join(f"'{key}'" for key in near)
+    hint = f"did you mean {right}?" if near else f"known are {', '.join(candidates[:12])} ..."
     return f"unknown {kind} '{name}': {hint}"
 
 
 def _describe(error: ValidationError, sources: Mapping[str, str]) -> str:
-    location, message = describe_error(error)
+    location, message = describe_error(error, RunConfig)
     if len(location) < 2:  # a rule about several values
         changed = [f"{name} ({source})" for name, source in sources.items() if source != "default"]
         return message + (f"; set here: {', '.join(changed)}" if changed else "")

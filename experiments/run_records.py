@@ -95,7 +95,7 @@ def read_config(path: Path, record: Mapping[str, Any]) -> RunConfig:
     try:
         return RunConfig.model_validate(read_plain_config(path, record))
     except ValidationError as error:
-        raise InputError(f"{path / CONFIG_FILE}: {describe_error(error)[1]}") from error
+        raise InputError(f"{path / CONFIG_FILE}: {describe_error(error, RunConfig)[1]}") from error
 
 
 def check_log(path: Path, record: Mapping[str, Any]) -> None:

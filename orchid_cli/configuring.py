@@ -6,7 +6,9 @@ from typing import Annotated, Any, Literal
 
 import typer
 
+from orchid_uav.cli.console import print_note
 from orchid_uav.experiments.configuration import (
+    FLAGS,
     Layer,
     RunConfig,
     assignment_layer,
@@ -24,10 +26,11 @@ def _option(panel: str, text: str, *names: str) -> Any:
 
 PresetOption = Annotated[str, _option(_FILES, "Built-in configuration to begin with: paper.")]
 ConfigOption = Annotated[
-    Path | None, _option(_FILES, "TOML or JSON file, applied over the preset.", "--config")
+    Path | None, _option(_FILES, "TOML or JSON file or pipe, applied over the preset.", "--config")
 ]
 SetOption = Annotated[
-    list[str] | None, _option(_FILES, "section.key=value, over the file; may be repeated.", "--set")
+    list[str] | None,
+    _option(_FILES, "section.key=value, over the file; may be repeated; lists as 1,2,3.", "--set"),
 ]
 UavsOption = Annotated[int | None, _option(_NETWORK, "UAVs (paper: 6).")]
 UsersOption = Annotated[int | None, _option(_NETWORK, "Ground users (paper: 100).")]
@@ -58,27 +61,13 @@ KappaOption = Annotated[
 ]
 NoResetOption = Annotated[bool, _option(_LEARNING, "Without Reset-and-Finetune.", "--no-rf")]
 
-FLAGS = {
-    "uavs": "network.uav_count",
-    "users": "network.user_count",
-    "distribution": "network.distribution",
-    "init": "deployment.init",
-    "objective": "reward.objective",
-    "shares": "reward.shares",
-    "episodes": "training.episodes",
-    "seed": "training.seed",
-    "worlds": "training.worlds",
-    "algorithm": "training.algorithm",
-    "kappa": "reset.kappa",
-}
-"""Configuration keys of the named flags."""
-
 
 def layers_of(given: Mapping[str, Any], assignments: Layer, flags: Iterable[str]) -> list[Layer]:
     """Preset < file < assignments < named flags, of the parameters given to a command."""
     layers = [preset_layer(given["preset"])]
     if given["config"] is not None:
-        layers.append(file_layer(Path(given["config"])))  # typer before 0.29 leaves it a str
+        # typer before 0.29 leaves it a str
+        layers.append(file_layer(Path(given["config"]), print_note))
     layers.append(assignments)
     layers += [
         Layer(f"--{name}", {FLAGS[name]: given[name]}) for name in flags if given[name] is not None

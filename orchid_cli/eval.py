@@ -225,7 +225,7 @@ def _world(config: Path | None, assignments: list[str]) -> "RunConfig":
     from orchid_uav.experiments.evaluation import SETTING_KEYS
     from orchid_uav.experiments.methods import METHOD_KEYS
 
-    layers: list[Layer] = [] if config is None else [file_layer(config)]
+    layers: list[Layer] = [] if config is None else [file_layer(config, print_note)]
     given = assignment_layer(assignments)
     for key in given.values:
         if key in SETTING_KEYS:

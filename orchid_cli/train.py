@@ -10,7 +10,6 @@ import typer
 from rich.console import Console
 
 from orchid_uav.cli.configuring import (
-    FLAGS,
     AlgorithmOption,
     ConfigOption,
     DistributionOption,
@@ -42,7 +41,7 @@ from orchid_uav.cli.console import (
     print_table,
     stdout_for_json_alone,
 )
-from orchid_uav.experiments.configuration import RunConfig, spare_uavs_note
+from orchid_uav.experiments.configuration import FLAGS, RunConfig, spare_uavs_note
 from orchid_uav.experiments.errors import InputError, RunFailedError
 from orchid_uav.experiments.provenance import describe_versions
 from orchid_uav.experiments.run_records import (

@@ -2,27 +2,33 @@
 
 import json
 import math
+import os
 import re
+import subprocess
+import sys
 import tomllib
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from orchid_uav.envs.arrays import Constants
+from orchid_uav.envs.keys import unit_of, values_of
 from orchid_uav.envs.parameters import NetworkParameters, Section
 from orchid_uav.experiments import configuration
 from orchid_uav.experiments.configuration import (
+    FLAGS,
     Layer,
     RunConfig,
     assignment_layer,
     configuration_keys,
+    field_of,
     file_layer,
     flatten,
     merge,
     preset_layer,
     reward_differences,
     spare_uavs_note,
-    unit_of,
 )
 from orchid_uav.experiments.errors import InputError
 from tests.running import ESCAPE, assert_is_an_error
@@ -70,10 +76,10 @@ def sections() -> dict[str, type[Section]]:
 def table(text: str) -> dict[str, list[str]]:
     """[value, unit, source] by key, from what ``orchid config show`` prints off a terminal."""
     header, *lines = text.splitlines()
-    assert header.split("\t") == ["key", "value", "unit", "from"]
+    assert header.split("\t") == ["key", "value", "unit", "values", "from"]
     rows = [line.split("\t") for line in lines]
-    assert {len(row) for row in rows} == {4}
-    return {key: cells for key, *cells in rows}
+    assert {len(row) for row in rows} == {5}
+    return {key: [value, unit, source] for key, value, unit, _, source in rows}
 
 
 def is_accepted(key: str, value: Any) -> bool:
@@ -196,6 +202,11 @@ class TestMerging:
             ('network.distribution="uniform"', "uniform"),
             ("reset.enabled=false", False),
             ("ppo.hidden_sizes=[8, 9]", (8, 9)),
+            ("ppo.hidden_sizes=8,9", (8, 9)),
+            ("maddpg.hidden_sizes=64", (64,)),
+            ("uav.displacement_scale_m=15,15,5", (15.0, 15.0, 5.0)),
+            ("uav.displacement_scale_m = 1.5, 2e1 ,5", (1.5, 20.0, 5.0)),
+            ("reward.backhaul_penalty=0,45", (0.0, 45.0)),
             ("reward.penalty_weight=[0.1,0.2]", (0.1, 0.2)),
         ],
     )
@@ -203,6 +214,41 @@ class TestMerging:
         merged, _ = merge([assignment_layer([assignment])])
         section, field = assignment.partition("=")[0].strip().split(".")
         assert getattr(getattr(merged, section), field) == expected
+
+    def test_several_values_with_commas_for_every_key_that_takes_them(self):
+        for key, value in DEFAULTS.items():
+            if isinstance(value, list):
+                given = ",".join(str(2 * one) for one in value)
+                merged = flatten(merge([assignment_layer([f"{key}={given}"])])[0])
+                assert merged == DEFAULTS | {key: [2 * one for one in value]}
+
+    def test_only_what_was_changed(self, orchid, tmp_path, monkeypatch):
+        monkeypatch.setitem(configuration.PRESETS, "lab", {"network": {"user_count": 22}})
+        file = tmp_path / "lab.toml"
+        file.write_text("[uav]\nmax_speed_mps = 20.0\n[network]\nslot_s = 1.0\n")
+        arguments = ["--preset=lab", "--algorithm=maddpg", "--uavs=6", "--changed"]
+        arguments += ["--set=reward.penalty_weight=0.1,0.4", f"--config={file}"]
+        header, *lines = orchid("config", "show", *arguments).out.splitlines()
+        assert header.split("\t") == ["key", "value", "preset lab", "unit", "from"]
+        assert [line.split("\t") for line in lines] == [
+            ["uav.max_speed_mps", "20", "15", "m/s", str(file)],
+            ["reward.penalty_weight", "0.1,0.4", "0.1,0.3", "", "--set"],
+            ["reset.enabled", "false", "true", "", "algorithm maddpg"],
+            ["training.algorithm", "maddpg", "mappo", "", "--algorithm"],
+        ]
+        document = json.loads(orchid("config", "show", "--json", *arguments).out)
+        assert (document["schema"], document["preset"]) == (1, "lab")
+        assert document["changed"][1] == {
+            "key": "reward.penalty_weight",
+            "value": [0.1, 0.4],
+            "preset": [0.1, 0.3],
+            "unit": "",
+            "from": "--set",
+        }
+        assert len(document["changed"]) == 4
+        unchanged = orchid("config", "show", "--changed")
+        assert len(unchanged.out.splitlines()) == 1
+        assert "nothing differs" in unchanged.err
 
     def test_what_is_shown_as_json_is_the_same_configuration_as_a_file(self, orchid, tmp_path):
         arguments = [
@@ -270,6 +316,20 @@ class TestWrongKeys:
         finished = orchid("config", "show", "--set", f"{wrong}=3")
         assert_is_an_error(finished, f"'{wrong}'", f"'{right}'")
 
+    @pytest.mark.parametrize(("flag", "key"), [*FLAGS.items(), ("no-rf", "reset.enabled")])
+    def test_a_flags_name(self, tmp_path, flag, key):
+        file = tmp_path / "lab.toml"
+        file.write_text(f"{flag} = 3\n")
+        for given in (flag, f"ppo.{flag}", f"--{flag}"):
+            with pytest.raises(InputError, match=f"'{given}': did you mean '{key}'"):
+                merge([assignment_layer([f"{given}=3"])])
+        with pytest.raises(InputError, match=f"'{flag}': did you mean '{key}'"):
+            file_layer(file)
+
+    def test_a_key_of_several_sections(self, orchid):
+        finished = orchid("config", "show", "--set=hidden_sizes=8")
+        assert_is_an_error(finished, "'ppo.hidden_sizes' or 'maddpg.hidden_sizes'")
+
     @pytest.mark.parametrize(
         "assignment", ["=3", "qqq.zzz=3", "network=3", "network.=3", "a.b.c=3"]
     )
@@ -293,6 +353,42 @@ class TestWrongValues:
                 merge([Layer("lab.toml", {key: value})])
             assert f"{key} = {value!r}" in str(error.value)
             assert "lab.toml" in str(error.value)
+
+    @pytest.mark.parametrize(
+        ("assignment", "parts"),
+        [
+            ("network.slot_s=1e-300", ["0.001..86400 s"]),
+            ("network.heading_hold_s=1e20", ["0.001..1e+09 s"]),
+            ("network.uav_count=1000000", ["1..1000"]),
+            ("uav.displacement_scale_m=15,15,1e9", ["1000000000.0", "within 0..1e+06 m"]),
+            ("uav.displacement_scale_m=15,15", ["[15, 15]", "3 × 0..1e+06 m"]),
+            ("reset.kappa=2", ["> 0, ≤ 1"]),
+        ],
+    )
+    def test_extreme_ones_are_refused_with_the_range(self, orchid, assignment, parts):
+        key = assignment.partition("=")[0]
+        assert_is_an_error(orchid("config", "show", "--set", assignment), key, "--set", *parts)
+
+    def test_every_number_has_a_range_which_is_told_and_kept(self):
+        for key in NUMERIC:
+            told = values_of(field_of(key))
+            if "> 0" in told:
+                assert not is_accepted(key, 0.0)
+                continue
+            least, greatest = map(float, told.partition(" or ")[0].split(".."))
+            step = 1 if isinstance(DEFAULTS[key], int) else 0.0
+            for wrong in (
+                least - step if step else math.nextafter(least, -math.inf),
+                greatest + step if step else math.nextafter(greatest, math.inf),
+            ):
+                with pytest.raises(InputError) as error:
+                    merge([Layer("lab.toml", {key: wrong})])
+                assert f"not within {told}" in str(error.value)
+            for right in (least, greatest):  # alone it is right, though not beside the defaults
+                try:
+                    merge([Layer("lab.toml", {key: right})])
+                except InputError as error:
+                    assert "not within" not in str(error)
 
     def test_true_is_not_a_number(self):
         # "uav_count = true" is a slip of the pen, which must not quietly mean one UAV.
@@ -360,6 +456,58 @@ class TestWrongValues:
         assert_is_an_error(orchid("config", "show", flag, value), flag, value, right)
 
 
+class TestFiles:
+    @pytest.mark.parametrize("name", ["a.toml", "a.TOML", "a.Toml"])
+    def test_toml_in_any_case(self, tmp_path, name):
+        (tmp_path / name).write_text("[network]\nuav_count = 4\n")
+        assert file_layer(tmp_path / name).values == {"network.uav_count": 4}
+
+    @pytest.mark.parametrize("name", ["a.json", "a.JSON"])
+    def test_json_in_any_case(self, tmp_path, name):
+        (tmp_path / name).write_text('{"network": {"uav_count": 4}}')
+        assert file_layer(tmp_path / name).values == {"network.uav_count": 4}
+
+    def test_the_home_directory(self, tmp_path, monkeypatch):
+        for variable in ("HOME", "USERPROFILE"):
+            monkeypatch.setenv(variable, str(tmp_path))
+        (tmp_path / "lab.toml").write_text("[network]\nuav_count = 4\n")
+        layer = file_layer(Path("~/lab.toml"))
+        assert layer.values == {"network.uav_count": 4}
+        assert layer.source == str(Path("~/lab.toml"))
+
+    @pytest.mark.skipif(not Path("/dev/stdin").exists(), reason="there is no /dev/stdin")
+    @pytest.mark.parametrize(
+        "text", ["[network]\nuav_count = 4\n", '{"network": {"uav_count": 4}}']
+    )
+    def test_a_pipe_is_read_to_its_end(self, text):
+        code = (
+            "import sys; from pathlib import Path;"
+            "from orchid_uav.experiments.configuration import file_layer;"
+            "print(file_layer(Path('/dev/stdin'), lambda told: print(told, flush=True)).values)"
+        )
+        with subprocess.Popen(
+            [sys.executable, "-c", code],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        ) as process:
+            assert process.stdin is not None and process.stdout is not None
+            process.stdin.write(text[:9])
+            process.stdin.flush()
+            assert "waiting" in process.stdout.readline()  # and only now comes the rest
+            process.stdin.write(text[9:])
+            process.stdin.close()
+            assert process.stdout.read() == "{'network.uav_count': 4}\n"
+
+    @pytest.mark.skipif(not Path("/dev/stdin").exists(), reason="there is no /dev/stdin")
+    def test_a_file_that_the_shell_opened(self, tmp_path):
+        file = tmp_path / "lab"
+        file.write_text("[network]\nuav_count = 4\n")
+        with file.open() as opened:
+            layer = file_layer(Path(f"/dev/fd/{opened.fileno()}"))
+        assert layer.values == {"network.uav_count": 4}
+
+
 class TestWrongFiles:
     @pytest.mark.parametrize(
         ("name", "content", "parts"),
@@ -388,6 +536,21 @@ class TestWrongFiles:
         file = tmp_path / name
         file.write_bytes(content)
         assert_is_an_error(orchid("config", "show", "--config", file), str(file), *parts)
+
+    @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no named pipes")
+    def test_a_pipe_that_nothing_is_written_to(self, orchid, tmp_path):
+        pipe = tmp_path / "pipe.toml"
+        os.mkfifo(pipe)
+        assert_is_an_error(orchid("config", "show", "--config", pipe), str(pipe), "nothing")
+
+    def test_one_that_is_far_too_large(self, orchid, tmp_path):
+        file = tmp_path / "large.toml"
+        file.write_bytes(b"#" * (2**20 + 1))
+        assert_is_an_error(orchid("config", "show", "--config", file), str(file), "1 MiB")
+
+    def test_a_home_directory_that_there_is_not(self, orchid):
+        finished = orchid("config", "show", "--config=~no-such-user/lab.toml")
+        assert_is_an_error(finished, "~no-such-user/lab.toml")
 
     def test_a_file_that_is_not_there_or_a_directory(self, orchid, tmp_path):
         missing = tmp_path / "missing.toml"

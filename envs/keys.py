@@ -1,0 +1,103 @@
+"""What a key of the configuration may hold: its range and its unit, and how both are told."""
+
+from typing import Any, get_args, get_origin
+
+from annotated_types import Ge, Gt, Le, Lt, MaxLen, MinLen
+from pydantic import Field
+from pydantic.fields import FieldInfo
+
+UNITS = {
+    "bit_per_joule": "bit/J",
+    "dbm_per_hz": "dBm/Hz",
+    "kg_per_m3": "kg/m³",
+    "bps": "bit/s",
+    "dbi": "dBi",
+    "dbm": "dBm",
+    "deg": "°",
+    "mps": "m/s",
+    "db": "dB",
+    "hz": "Hz",
+    "kg": "kg",
+    "m2": "m²",
+    "m": "m",
+    "s": "s",
+    "w": "W",
+}
+"""Units by the ends of field names, longer ends first."""
+
+
+def within(least: float, greatest: float) -> Any:
+    """A number's range, both ends included: generous, yet nothing within it leads to infinities."""
+    return Field(ge=least, le=greatest)
+
+
+def unit_of(field: str) -> str:
+    """The unit that a field's name ends with, or ''."""
+    for suffix, unit in UNITS.items():
+        if field.endswith("_" + suffix):
+            return unit
+    return ""
+
+
+def values_of(field: FieldInfo, quote: str = "") -> str:
+    """What a field may hold, without its unit: ``1..100``, ``> 0, < 1``, ``2 × 0..1``, ``a, b``.
+
+    Args:
+        field: of a section of the configuration.
+        quote: put around words that can be chosen.
+    """
+    text = _values(field.annotation, list(field.metadata), quote)
+    return f"{text} or {quote}none{quote}" if type(None) in get_args(field.annotation) else text
+
+
+def holds_several(field: FieldInfo) -> bool:
+    """Whether a field holds a list of values."""
+    return get_origin(field.annotation) is tuple
+
+
+def _values(annotation: Any, bounds: list[Any], quote: str) -> str:
+    arguments = get_args(annotation)
+    if get_origin(annotation) is tuple:
+        count = str(len(arguments))
+        if Ellipsis in arguments:
+            count = _range(bounds)
+        return f"{count} × {_values(arguments[0], [], quote)}"
+    if annotation is bool:
+        return f"{quote}true{quote}, {quote}false{quote}"
+    words = [argument for argument in arguments if isinstance(argument, str)]
+    if words:
+        return ", ".join(f"{quote}{word}{quote}" for word in words)
+    own = [
+        bound
+        for item in getattr(annotation, "__metadata__", ())
+        for bound in (item.metadata if isinstance(item, FieldInfo) else [item])
+    ]
+    inner = [argument for argument in arguments if argument is not type(None)]
+    if inner and not own:  # the one type of an optional value
+        return _values(inner[0], bounds, quote)
+    return _range([*bounds, *own])
+
+
+def _range(bounds: list[Any]) -> str:
+    found: dict[type, str] = {}
+    for bound in bounds:
+        for kind, name in _LIMITS.items():
+            if isinstance(bound, kind):
+                limit = getattr(bound, name)
+                found[kind] = f"{limit:g}" if isinstance(limit, float) else str(limit)
+    least = found.get(Ge, found.get(MinLen))
+    greatest = found.get(Le, found.get(MaxLen))
+    if least is not None and greatest is not None:
+        return f"{least}..{greatest}"
+    signs = {Gt: "> ", Ge: "≥ ", Lt: "< ", Le: "≤ "}
+    return ", ".join(sign + found[kind] for kind, sign in signs.items() if kind in found)
+
+
+_LIMITS = {
+    Ge: "ge",
+    Gt: "gt",
+    Le: "le",
+    Lt: "lt",
+    MinLen: "min_length",
+    MaxLen: "max_length",
+}

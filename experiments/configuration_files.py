@@ -1,0 +1,71 @@
+"""Reading a configuration from a file or from a pipe, without ever waiting in silence."""
+
+import io
+import os
+import select
+import stat
+from collections.abc import Callable
+from pathlib import Path
+
+from orchid_uav.experiments.errors import InputError
+
+_MOST_BYTES = 2**20
+_PATIENCE_S = 1.0
+_STREAMS = ("/dev/", "/proc/")
+"""Where names say nothing of what is inside: ``/dev/stdin``, ``/dev/fd/63``."""
+
+
+def read_configuration(path: Path, say: Callable[[str], object]) -> tuple[str, str]:
+    """The format, "toml" or "json", and the text of a configuration.
+
+    A pipe, such as ``/dev/stdin`` or a process substitution, is read once and to its end. It is
+    taken for JSON if it begins with a brace, which TOML cannot.
+
+    Args:
+        path: of the file; ``~`` is the home directory.
+        say: told, once, that a pipe is being waited for.
+
+    Raises:
+        InputError: it cannot be read, is too large, or nothing is written to the pipe.
+    """
+    suffix = path.suffix.lower()[1:]
+    try:
+        # Opening a pipe that nobody writes to would block for ever.
+        descriptor = os.open(path.expanduser(), os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
+        with os.fdopen(descriptor, "rb", buffering=0) as file:
+            mode = os.fstat(descriptor).st_mode
+            is_regular = stat.S_ISREG(mode)
+            is_stream = not is_regular or str(path.absolute()).startswith(_STREAMS)
+            if suffix not in ("toml", "json") and not is_stream:
+                raise InputError(f"configuration {path} ends in neither .toml nor .json")
+            if file.isatty():
+                raise InputError(f"configuration {path} is a terminal, not a file or a pipe")
+            content = file.read(_MOST_BYTES + 1) if is_regular else _drain(descriptor, path, say)
+        if stat.S_ISFIFO(mode) and not content:
+            raise InputError(f"configuration {path} is a pipe that nothing was written to")
+        if len(content) > _MOST_BYTES:
+            raise InputError(f"configuration {path} is larger than {_MOST_BYTES // 2**20} MiB")
+        text = io.TextIOWrapper(io.BytesIO(content), encoding="utf-8-sig").read()
+    except (OSError, ValueError, RuntimeError) as error:  # no UTF-8; no home directory
+        raise InputError(f"cannot read configuration {path}: {error}") from error
+    if suffix not in ("toml", "json"):
+        suffix = "json" if text.lstrip().startswith("{") else "toml"
+    return suffix, text
+
+
+def _drain(descriptor: int, path: Path, say: Callable[[str], object]) -> bytes:
+    """What comes until the end of a pipe or a device, but little more than is allowed."""
+    content, has_waited = b"", False
+    while len(content) <= _MOST_BYTES:
+        select.select([descriptor], [], [], _PATIENCE_S)
+        try:
+            part = os.read(descriptor, _MOST_BYTES)
+        except BlockingIOError:  # somebody has it open for writing, and takes time
+            if not has_waited:
+                say(f"waiting for what is written to {path}")
+            has_waited = True
+            continue
+        if not part:
+            break
+        content += part
+    return content
