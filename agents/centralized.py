@@ -96,7 +96,8 @@ class CentralizedTraining(BaseAlgorithm):
 
     def _last_rows(self) -> tuple[Rows, NDArray[np.bool_]]:
         """The latest observation, and which rows begin an episode with it."""
-        return cast(Rows, self._last_obs), cast(NDArray[np.bool_], self._last_episode_starts)
+        rows = single_precision(cast(Rows, self._last_obs))
+        return rows, cast(NDArray[np.bool_], self._last_episode_starts)
 
     def _rows_within_budget(self, rows: int, steps: int) -> int:
         """Rows of as many worlds as have an episode of ``steps`` steps left to fly (M33)."""
@@ -176,6 +177,11 @@ class CentralizedTraining(BaseAlgorithm):
             for group in self.policy.optimizer.param_groups
             for parameter in group["params"]
         ]
+
+
+def single_precision(rows: Mapping[str, NDArray[Any]]) -> Rows:
+    """Rows of any numbers as float32, in which networks and buffers hold them."""
+    return {key: np.asarray(values, np.float32) for key, values in rows.items()}
 
 
 def _array(tensor: torch.Tensor) -> NDArray[Any]:

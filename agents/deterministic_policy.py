@@ -90,7 +90,7 @@ class JointCriticPolicy(LocalActorPolicy):
 
     def forward(self, obs: dict[str, torch.Tensor], deterministic: bool = True) -> torch.Tensor:
         """Actions (rows, A) in [-1, 1]; reads ``obs["observation"]`` alone."""
-        return self.action_mean(obs["observation"])
+        return self.action_mean(obs["observation"].float())
 
     def _predict(self, observation: PyTorchObs, deterministic: bool = True) -> torch.Tensor:
         return self(observation)

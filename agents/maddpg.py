@@ -23,7 +23,7 @@ from stable_baselines3.common.utils import polyak_update
 from stable_baselines3.common.vec_env import VecEnv
 from torch.nn import functional
 
-from orchid_uav.agents.centralized import CentralizedTraining, Rows
+from orchid_uav.agents.centralized import CentralizedTraining, Rows, single_precision
 from orchid_uav.agents.deterministic_policy import JointCriticPolicy
 from orchid_uav.agents.networks import check_spaces
 from orchid_uav.agents.replay import JointBatch, JointReplayBuffer
@@ -158,7 +158,8 @@ class MADDPG(CentralizedTraining, OffPolicyAlgorithm):
             actions = self._explore(observation)
             self._check_actions(actions)
             new_observation, rewards, dones, infos = env.step(self.policy.unscale_action(actions))
-            following, terminated = _before_new_episodes(cast(Rows, new_observation), dones, infos)
+            rows_seen = single_precision(cast(Rows, new_observation))
+            following, terminated = _before_new_episodes(rows_seen, dones, infos)
             self.replay_buffer.add(rows, observation, actions, rewards, following, terminated)
             self._last_obs, self._last_episode_starts = cast(Rows, new_observation), dones
             self.num_timesteps += rows

@@ -259,7 +259,7 @@ def _ends_by_time_limit(
 ) -> list[tuple[int, int, NDArray[np.float32]]]:
     """(step, row, last state) of the rows whose episode ended by truncation alone."""
     return [
-        (step, int(row), infos[row]["terminal_observation"]["state"])
+        (step, int(row), np.asarray(infos[row]["terminal_observation"]["state"], np.float32))
         for row in np.flatnonzero(dones)
         if infos[row].get("TimeLimit.truncated", False)
     ]

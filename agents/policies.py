@@ -106,7 +106,7 @@ class CentralizedCriticPolicy(LocalActorPolicy, ActorCriticPolicy):
         gaussian = DiagGaussianDistribution(self.log_std.numel())
         return gaussian.proba_distribution(self.action_mean(observation), self.log_std)
 
-    # What SB3 calls, in terms of the above.
+    # What SB3 calls, in terms of the above; in single precision, whatever the observations are of.
 
     def forward(  # type: ignore[override]
         self, obs: Observations, deterministic: bool = False
@@ -125,8 +125,8 @@ class CentralizedCriticPolicy(LocalActorPolicy, ActorCriticPolicy):
 
     def get_distribution(self, obs: Observations) -> Distribution:  # type: ignore[override]
         """Gaussian over actions; reads ``obs["observation"]`` alone."""
-        return self.distribution(obs["observation"])
+        return self.distribution(obs["observation"].float())
 
     def predict_values(self, obs: Observations) -> torch.Tensor:  # type: ignore[override]
         """Values (rows, 1); reads ``obs["state"]`` alone."""
-        return self.critic(obs["state"])
+        return self.critic(obs["state"].float())

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import numpy as np
 from gymnasium import spaces
 from pettingzoo import ParallelEnv
 from pettingzoo.utils import BaseParallelWrapper
@@ -11,6 +12,8 @@ from orchid_uav.envs.spaces import centralized_space
 
 class CentralizedState(BaseParallelWrapper):
     """Gives each agent {"observation": its own, "state": the environment's ``state()``}.
+
+    Both are float32, as networks are, whatever floating-point numbers the environment has.
 
     A critic can then read "state" while the actor reads "observation" alone, as
     :class:`orchid_uav.agents.CentralizedCriticPolicy` does.
@@ -30,7 +33,9 @@ class CentralizedState(BaseParallelWrapper):
                 f"{env} has no state_space: a centralised critic needs state() and its space"
             )
         self._spaces = {
-            agent: centralized_space(env.observation_space(agent), state_space)
+            agent: centralized_space(
+                _single_precision(env.observation_space(agent)), _single_precision(state_space)
+            )
             for agent in env.possible_agents
         }
 
@@ -51,6 +56,22 @@ class CentralizedState(BaseParallelWrapper):
     def _with_state(self, observations: dict[str, Any]) -> dict[str, dict[str, Any]]:
         state = self.env.state()
         return {
-            agent: {"observation": observation, "state": state}
+            agent: {
+                "observation": _cast(observation, self._spaces[agent]["observation"]),
+                "state": _cast(state, self._spaces[agent]["state"]),
+            }
             for agent, observation in observations.items()
         }
+
+
+def _single_precision(space: spaces.Space[Any]) -> spaces.Space[Any]:
+    """A box of float32 for one of other floating-point numbers; other spaces as they are."""
+    if not isinstance(space, spaces.Box) or not np.issubdtype(space.dtype, np.floating):
+        return space
+    with np.errstate(over="ignore"):  # beyond float32 there is no bound
+        low, high = space.low.astype(np.float32), space.high.astype(np.float32)
+    return spaces.Box(low, high, dtype=np.float32)
+
+
+def _cast(value: Any, space: spaces.Space[Any]) -> Any:
+    return np.asarray(value, space.dtype) if isinstance(space, spaces.Box) else value

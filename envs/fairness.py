@@ -4,9 +4,7 @@ import numpy as np
 from numba.extending import register_jitable
 from numpy.typing import ArrayLike
 
-from orchid_uav.envs.units import Numeric
-
-_SMALLEST_NORMAL = float(np.finfo(np.float64).tiny)
+from orchid_uav.envs.units import SMALLEST_NORMAL, Numeric
 
 
 @register_jitable
@@ -16,7 +14,7 @@ def jain_index_from_sums(total: Numeric, total_of_squares: Numeric, count: Numer
     0 for an empty or all-zero set, so that serving nobody is never fair (decision M14): there the
     numerator is 0 and the smallest normal number stands in for the denominator.
     """
-    return total * total / np.maximum(count * total_of_squares, _SMALLEST_NORMAL)
+    return total * total / np.maximum(count * total_of_squares, SMALLEST_NORMAL)
 
 
 def jain_index(values: ArrayLike, where: ArrayLike | None = None) -> float:

@@ -3,9 +3,7 @@
 import numpy as np
 from numba.extending import register_jitable
 
-from orchid_uav.envs.units import Numeric
-
-_SMALLEST_NORMAL = float(np.finfo(np.float64).tiny)
+from orchid_uav.envs.units import SMALLEST_NORMAL, Numeric
 
 
 @register_jitable
@@ -51,4 +49,4 @@ def is_outside(value: Numeric, low: Numeric, high: Numeric) -> Numeric:
 @register_jitable
 def relative(value: Numeric, low: Numeric, high: Numeric) -> Numeric:
     """Where ``value`` lies in [``low``, ``high``], as 0..1; 0 if the interval has no extent."""
-    return (value - low) / np.maximum(high - low, _SMALLEST_NORMAL)
+    return (value - low) / np.maximum(high - low, SMALLEST_NORMAL)

@@ -41,9 +41,11 @@ class FleetParallelEnv(ParallelEnv[str, Observation, Observation]):
         self.render_mode = None
         self.possible_agents = [f"uav_{index}" for index in range(self.world.uav_count)]
         self.agents: list[str] = []
-        self.state_space = state_space(self.world.uav_count)
+        self.state_space = state_space(self.parameters)
         # The API asks for the very same space object at every call.
-        self.observation_spaces = {agent: observation_space() for agent in self.possible_agents}
+        self.observation_spaces = {
+            agent: observation_space(self.parameters) for agent in self.possible_agents
+        }
         self.action_spaces = {agent: action_space() for agent in self.possible_agents}
 
     def observation_space(self, agent: str) -> spaces.Box:

@@ -12,7 +12,7 @@ from orchid_uav.envs.channel import (
 from orchid_uav.envs.parameters import Parameters, RewardParameters
 from orchid_uav.envs.propulsion import least_power_speed_mps, propulsion_power_w, total_power_w
 from orchid_uav.envs.sharing import user_rate_bps
-from orchid_uav.envs.units import Numeric
+from orchid_uav.envs.units import SMALLEST_NORMAL, Numeric
 
 
 @register_jitable
@@ -43,9 +43,13 @@ def normalised_energy_efficiency(
 
 @register_jitable
 def log_rate_utility(rate_bps: Numeric, low_rate_bps: Numeric, high_rate_bps: Numeric) -> Numeric:
-    """One user's term of the PF reward (M13): log(R/R_lo) / log(R_hi/R_lo) clipped to [0, 1]."""
+    """One user's term of the PF reward (M13): log(R/R_lo) / log(R_hi/R_lo) clipped to [0, 1].
+
+    0 where no rate exceeds R_lo.
+    """
     ratio = np.maximum(rate_bps, low_rate_bps) / low_rate_bps
-    return np.minimum(np.log(ratio) / np.log(high_rate_bps / low_rate_bps), 1.0)
+    span = np.maximum(np.log(high_rate_bps / low_rate_bps), SMALLEST_NORMAL)
+    return np.minimum(np.log(ratio) / span, 1.0)
 
 
 @register_jitable
@@ -122,8 +126,8 @@ def best_rate_bps(parameters: Parameters) -> float:
 
 
 def energy_efficiency_scale(parameters: Parameters) -> float:
-    """EE_max in bit/J (decision M7); about 0.8 Mbit/J at Table I."""
+    """EE_max in bit/J (decision M7); about 0.8 Mbit/J at Table I, above 0 even for dead links."""
     speed_mps = least_power_speed_mps(parameters.rotor, parameters.uav.max_speed_mps)
     least_power_w = propulsion_power_w(speed_mps, **parameters.rotor.power_curve())
     power_w = total_power_w(least_power_w, parameters.uav.max_transmit_power_w)
-    return float(best_rate_bps(parameters) / power_w)
+    return max(float(best_rate_bps(parameters) / power_w), SMALLEST_NORMAL)

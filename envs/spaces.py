@@ -6,20 +6,51 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
-from orchid_uav.envs.arrays import ACTION_SIZE, OBSERVATION_SIZE, state_size
+from orchid_uav.envs.arrays import ACTION_SIZE, OBSERVATION_SIZE, Constants, state_size
+from orchid_uav.envs.channel import backhaul_snr
+from orchid_uav.envs.observation import BACKHAUL_SCALE_DB
+from orchid_uav.envs.parameters import Parameters
+from orchid_uav.envs.units import linear_to_decibel
+
+_ROUNDING = 1e-6
 
 
-def observation_space() -> spaces.Box:
+def observation_space(parameters: Parameters) -> spaces.Box:
     """Local observation (16,), float32; see ``OBSERVATION_NAMES``.
 
     Everything lies in [0, 1] but the nearest user's distance, at most the diagonal, and the
-    backhaul's margin, which other parameters than Table I can drive anywhere.
+    backhaul's margin, whose bounds are those at the nearest and the farthest point of the flight
+    box.
     """
     low = np.zeros(OBSERVATION_SIZE, np.float32)
     high = np.ones(OBSERVATION_SIZE, np.float32)
-    high[4] = math.sqrt(2.0) + 1e-6
-    low[-1], high[-1] = -np.inf, np.inf
+    high[4] = math.sqrt(2.0) + _ROUNDING
+    least, greatest = _backhaul_margins(parameters)
+    low[15] = np.nextafter(np.float32(least - _ROUNDING), np.float32(-np.inf))
+    high[15] = np.nextafter(np.float32(greatest + _ROUNDING), np.float32(np.inf))
     return spaces.Box(low, high, dtype=np.float32)
+
+
+def _backhaul_margins(parameters: Parameters) -> tuple[float, float]:
+    """Least and greatest backhaul SNR above its threshold in the flight box, scaled (M18)."""
+    uav, constants = parameters.uav, Constants.of(parameters)
+    gbs_height_m = constants.gbs_position_m[2]
+    to_corner_m = math.hypot(*constants.gbs_position_m[:2])
+    below_m, above_m = gbs_height_m - uav.min_altitude_m, uav.max_altitude_m - gbs_height_m
+    farthest_m = math.hypot(to_corner_m, max(abs(below_m), abs(above_m)))
+    nearest_m = max(-below_m, -above_m, 0.0)
+    margins = []
+    for distance_m in (farthest_m, nearest_m):
+        snr = backhaul_snr(
+            distance_m,
+            constants.gbs_transmit_power_w,
+            constants.backhaul_gain_db,
+            constants.carrier_frequency_hz,
+            constants.backhaul_noise_power_w,
+        )
+        margin_db = linear_to_decibel(snr) - constants.backhaul_required_snr_db
+        margins.append(float(margin_db) / BACKHAUL_SCALE_DB)
+    return margins[0], margins[1]
 
 
 def action_space() -> spaces.Box:
@@ -27,9 +58,9 @@ def action_space() -> spaces.Box:
     return spaces.Box(-1.0, 1.0, (ACTION_SIZE,), np.float32)
 
 
-def state_space(uavs: int) -> spaces.Box:
+def state_space(parameters: Parameters) -> spaces.Box:
     """Global state s(t) for the critic, float32: all observations, u_dist, J (decision M19)."""
-    one = observation_space()
+    one, uavs = observation_space(parameters), parameters.network.uav_count
     context = state_size(uavs) - uavs * OBSERVATION_SIZE
     low = np.concatenate([np.tile(one.low, uavs), np.zeros(context, np.float32)])
     high = np.concatenate([np.tile(one.high, uavs), np.ones(context, np.float32)])

@@ -12,6 +12,9 @@ from numba.extending import register_jitable
 Numeric: TypeAlias = Any
 """A number or an array of numbers. The equations take either, and give what they are given."""
 
+SMALLEST_NORMAL = float(np.finfo(np.float64).tiny)
+"""Stands in for a denominator of 0 where the numerator is 0 too."""
+
 _NATURAL_PER_DECIBEL = math.log(10.0) / 10.0
 
 

@@ -49,7 +49,7 @@ class FleetVecEnv(VecEnv):
         self._actions = np.zeros((worlds, self.agents_per_world, 4))
         super().__init__(
             worlds * self.agents_per_world,
-            centralized_space(observation_space(), state_space(self.agents_per_world)),
+            centralized_space(observation_space(self.parameters), state_space(self.parameters)),
             action_space(),
         )
 

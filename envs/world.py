@@ -132,11 +132,14 @@ class WorldBatch:
         self.arrays = Worlds.zeros(worlds, self.uav_count, self.user_count)
         self.arrays.slot[:] = parameters.network.episode_slots  # no episode has begun
         self._shadowing_db = np.zeros((worlds, self.user_count))
-        self.generators: list[np.random.Generator] = []
+        self.generators = [np.random.default_rng(0)] * worlds
         self.seed(seed)
 
-    def seed(self, seed: int | Sequence[int] | None) -> None:
-        """Give every world a new generator; takes effect at the next reset."""
+    def seed(self, seed: int | Sequence[int] | None, worlds: ArrayLike | None = None) -> None:
+        """Give the given worlds, or all, new generators; takes effect at the next reset.
+
+        A world's seed does not depend on which others are given.
+        """
         if seed is None:
             seeds: Sequence[int | None] = [None] * self.world_count
         elif isinstance(seed, int | np.integer):
@@ -145,7 +148,9 @@ class WorldBatch:
             seeds = seed
         if len(seeds) != self.world_count:
             raise ValueError(f"{len(seeds)} seeds for {self.world_count} worlds")
-        self.generators = [np.random.default_rng(world_seed) for world_seed in seeds]
+        chosen = range(self.world_count) if worlds is None else np.asarray(worlds, np.int64)
+        for world in chosen:
+            self.generators[world] = np.random.default_rng(seeds[world])
 
     def set_progress(self, progress: float) -> None:
         """Training progress tau of the weight schedules, clipped to 1 (decision M9)."""
@@ -173,10 +178,11 @@ class WorldBatch:
     def begin(self, topologies: Topologies, worlds: ArrayLike | None = None) -> None:
         """Begin an episode on given topologies, one for each of the given worlds, or of all."""
         chosen = np.arange(self.world_count) if worlds is None else np.asarray(worlds, np.int64)
-        arrays, uav = self.arrays, self.parameters.uav
+        arrays, uav, area_m = self.arrays, self.parameters.uav, self.parameters.network.area_m
         arrays.users_m[chosen] = topologies.users_m.transpose(0, 2, 1)
         arrays.target_users[chosen] = topologies.target_users
-        arrays.positions_m[chosen, :, :2] = topologies.start_m
+        # A centroid of users at the border may lie beyond it by a rounding error.
+        arrays.positions_m[chosen, :, :2] = np.clip(topologies.start_m, 0.0, area_m)
         arrays.positions_m[chosen, :, 2] = uav.initial_altitude_m
         arrays.transmit_powers_w[chosen] = uav.start_power_w
         arrays.walk_key[chosen] = topologies.walk_keys
@@ -252,6 +258,17 @@ class WorldBatch:
         if self.finished.any():
             raise RuntimeError("an episode is over or has not begun: call reset() first")
         step_worlds(self.constants, self.arrays, wanted, self.progress)
+
+    def step_except(self, resting: NDArray[np.bool_], actions: ArrayLike) -> None:
+        """As :meth:`step`, but some worlds (B,) stay as they are, whatever their actions."""
+        if not resting.any():
+            self.step(actions)
+        elif not resting.all():
+            kept = [array[resting] for array in self.arrays]  # copies
+            flown = np.asarray(actions)
+            self.step(np.where(resting[:, None, None], 0.0, flown))
+            for array, before in zip(self.arrays, kept, strict=True):
+                array[resting] = before
 
     def state(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
         """All that the worlds' further course depends on: plain values, and copies of arrays."""

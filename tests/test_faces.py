@@ -1,19 +1,29 @@
 """The environment's faces: conformance suites, and the same numbers on every path."""
 
 import json
+import math
 import subprocess
 import sys
+from functools import partial
 
 import gymnasium
 import numpy as np
 import pytest
 from gymnasium import spaces
 from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AsyncVectorEnv, AutoresetMode
+from gymnasium.wrappers.vector import (
+    DictInfoToList,
+    NormalizeObservation,
+    RecordEpisodeStatistics,
+)
+from pettingzoo import ParallelEnv
 from pettingzoo.test import parallel_api_test, parallel_seed_test
 from stable_baselines3.common.env_checker import check_env as check_sb3_env
 from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
 import orchid_uav  # registers orchid/Fleet-v0
+from orchid_uav.agents import MADDPG, MAPPO
 from orchid_uav.envs import (
     EPISODE_METRICS,
     SLOT_METRICS,
@@ -50,12 +60,9 @@ class TestConformance:
         parallel_api_test(CentralizedState(parallel_env(**SHORT)), num_cycles=30)
         parallel_seed_test(lambda: CentralizedState(parallel_env(**SHORT)), num_cycles=20)
 
-    # Unbounded: the backhaul's margin, see orchid_uav.envs.spaces.
-    @pytest.mark.filterwarnings("ignore:.*infinity.*:UserWarning")
     def test_gymnasium(self):
         check_env(gymnasium.make("orchid/Fleet-v0", **SHORT).unwrapped)
 
-    @pytest.mark.filterwarnings("ignore:.*infinity.*:UserWarning")
     @pytest.mark.filterwarnings("ignore:.*unconventional shape.*:UserWarning")
     def test_sb3(self):
         check_sb3_env(gymnasium.make("orchid/Fleet-v0", **SHORT))
@@ -338,6 +345,258 @@ class TestNative:
         assert state[48:148].sum() == pytest.approx(1.0)
         assert 0 < state[148] <= 1
         assert state.shape == (149,)
+
+
+class TestBounds:
+    def test_of_the_backhaul_at_table_i(self):
+        space = parallel_env().observation_space("uav_0")
+        farthest_m, nearest_m = math.hypot(1000.0, 1000.0, 90.0), 50.0
+        noise_dbm = -174.0 + 10.0 * math.log10(20e6)
+        for bound, distance_m in ((space.low[15], farthest_m), (space.high[15], nearest_m)):
+            loss_db = 20.0 * math.log10(4.0 * math.pi * 2.4e9 * distance_m / 299_792_458.0)
+            assert bound == pytest.approx((30.0 - loss_db - noise_dbm - 10.0) / 40.0, abs=3e-6)
+        assert np.isfinite(space.low).all() and np.isfinite(space.high).all()
+
+    @pytest.mark.parametrize(
+        "overrides",
+        [
+            {},
+            {"gbs.height_m": 100.0},  # within the flight box: a UAV can meet the antenna
+            {"gbs.height_m": 300.0},  # above it
+            {"min_altitude_m": 100.0, "max_altitude_m": 100.0},
+            {"backhaul_required_snr_db": 38.5, "area_m": 50.0, "backhaul_bandwidth_hz": 1e9},
+        ],
+    )
+    def test_are_reached_and_never_left(self, overrides):
+        env = parallel_env(uavs=12, users=13, **overrides)
+        env.reset(seed=0)
+        network, uav = env.parameters.network, env.parameters.uav
+        corner, middle = (0.0, 0.0), (network.area_m / 2, network.area_m / 2)
+        altitudes = np.linspace(uav.min_altitude_m, uav.max_altitude_m, 5)
+        nearest = np.clip(env.parameters.gbs.height_m, uav.min_altitude_m, uav.max_altitude_m)
+        places = [(*xy, z) for xy in (corner, middle) for z in (*altitudes, nearest)]
+        powers_w = np.tile([uav.min_transmit_power_w, uav.max_transmit_power_w], 6)
+        env.world.place(np.array(places)[None], powers_w[None])
+        rows = env.world.arrays.observations[0]
+        space = env.observation_space("uav_0")
+        assert all(space.contains(row) for row in rows)
+        assert rows[:, 15].min() == pytest.approx(space.low[15], abs=1e-5)
+        assert rows[:, 15].max() == pytest.approx(space.high[15], abs=1e-5)
+        assert env.state_space.contains(env.state())
+
+
+def vector_of(mode: AutoresetMode | str, worlds: int = 3):
+    return gymnasium.make_vec("orchid/Fleet-v0", num_envs=worlds, autoreset_mode=mode, **SHORT)
+
+
+class TestAutoreset:
+    """Against Gymnasium's own vector of single environments, whose semantics are the reference."""
+
+    @pytest.mark.parametrize("mode", list(AutoresetMode))
+    def test_as_gymnasiums_own_vector(self, mode):
+        ours = vector_of(mode)
+        theirs = gymnasium.make_vec(
+            "orchid/Fleet-v0",
+            num_envs=3,
+            vectorization_mode="sync",
+            vector_kwargs={"autoreset_mode": mode},
+            **SHORT,
+        )
+        assert ours.metadata["autoreset_mode"] == theirs.metadata["autoreset_mode"] == mode
+        assert ours.observation_space == theirs.observation_space
+        seeds = world_seeds(5, 3)
+        np.testing.assert_array_equal(ours.reset(seed=5)[0], theirs.reset(seed=seeds)[0])
+        generator = np.random.default_rng(0)
+        for step in range(40):
+            if step == 4:  # from now on the worlds' episodes end at different steps
+                mask = np.array([False, True, False])
+                first, _ = ours.reset(seed=8, options={"reset_mask": mask})
+                second, _ = theirs.reset(seed=world_seeds(8, 3), options={"reset_mask": mask})
+                np.testing.assert_array_equal(first, second)
+            actions = generator.uniform(-1, 1, (3, 3, 4)).astype(np.float32)
+            one, other = ours.step(actions), theirs.step(actions)
+            for mine, reference in zip(one[:4], other[:4], strict=True):
+                np.testing.assert_array_equal(mine, reference)
+            self.assert_infos_agree(one[4], other[4])
+            finished = one[3]
+            if mode == AutoresetMode.DISABLED and finished.any():
+                with pytest.raises(RuntimeError, match="reset"):
+                    ours.step(actions)
+                first, _ = ours.reset(options={"reset_mask": finished})
+                second, _ = theirs.reset(options={"reset_mask": finished.copy()})
+                np.testing.assert_array_equal(first, second)
+
+    def assert_infos_agree(self, ours, theirs):
+        """All that the reference says is said by ours; ours has a slot's figures more often."""
+        for key in ("final_obs", "final_info", "metrics", "episode_metrics"):
+            where = theirs.get(f"_{key}", np.zeros(3, np.bool_))
+            if key in ("final_obs", "final_info"):
+                np.testing.assert_array_equal(ours.get(f"_{key}", np.zeros(3, np.bool_)), where)
+            for world in np.flatnonzero(where):
+                assert ours[f"_{key}"][world]
+                if key == "final_info":
+                    self.assert_infos_agree(ours[key], theirs[key])
+                elif key == "final_obs":
+                    np.testing.assert_array_equal(ours[key][world], theirs[key][world])
+                else:
+                    for name in ours[key]:
+                        assert ours[key][name][world] == theirs[key][name][world]
+
+    def test_the_default_begins_anew_in_the_same_step(self):
+        vector = gymnasium.make_vec("orchid/Fleet-v0", num_envs=2, **SHORT)
+        assert vector.metadata["autoreset_mode"] == AutoresetMode.SAME_STEP
+        assert vector_of("NextStep").metadata["autoreset_mode"] == AutoresetMode.NEXT_STEP
+        assert vector.metadata["autoreset_mode"] == AutoresetMode.SAME_STEP  # of its own
+
+    def test_normalized_observations(self):
+        vector = NormalizeObservation(vector_of(AutoresetMode.NEXT_STEP, worlds=8))
+        vector.reset(seed=0)
+        seen = [vector.step(vector.action_space.sample())[0] for _ in range(60)]
+        assert np.isfinite(seen).all()
+        np.testing.assert_allclose(np.mean(seen[30:], axis=(0, 1, 2))[:2], 0.0, atol=0.5)
+
+    @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
+    def test_statistics_of_episodes(self, mode):
+        vector = DictInfoToList(RecordEpisodeStatistics(vector_of(mode)))
+        vector.reset(seed=0)
+        returns, ended = np.zeros(3), 0
+        for _ in range(27):
+            _, rewards, _, truncated, infos = vector.step(np.zeros((3, 3, 4), np.float32))
+            returns += rewards
+            for world in np.flatnonzero(truncated):
+                assert infos[world]["episode"]["l"] == 12
+                assert infos[world]["episode"]["r"] == pytest.approx(returns[world])
+                assert infos[world]["episode_metrics"]["reward"] == pytest.approx(returns[world])
+                returns[world], ended = 0.0, ended + 1
+        assert ended == 6
+
+    @pytest.mark.parametrize("mask", [[True, False, True], np.ones(3), np.ones(2, np.bool_)])
+    def test_a_wrong_mask(self, mask):
+        with pytest.raises(ValueError, match="reset_mask"):
+            vector_of("Disabled").reset(options={"reset_mask": mask})
+
+
+class DoubleEnv(ParallelEnv[str, np.ndarray, np.ndarray]):
+    """Two agents whose observations and states are float64; ends by itself or by a time limit."""
+
+    metadata = {"name": "double_v0"}
+    render_mode = None
+    possible_agents = ["left", "right"]
+    state_space = spaces.Box(-np.inf, np.inf, (4,), np.float64)
+    own_space = spaces.Box(-1e300, 2.0, (2,), np.float64)
+    force_space = spaces.Box(-1.0, 1.0, (1,), np.float32)
+
+    def __init__(self, terminates: bool):
+        self.terminates = terminates
+        self.agents: list[str] = []
+
+    def observation_space(self, agent):
+        return self.own_space
+
+    def action_space(self, agent):
+        return self.force_space
+
+    def reset(self, seed=None, options=None):
+        self.agents, self.steps = self.possible_agents[:], 0
+        return self.observations(), {agent: {} for agent in self.agents}
+
+    def step(self, actions):
+        self.steps += 1
+        agents, is_over = self.agents, self.steps == 5
+        if is_over:
+            self.agents = []
+        return (
+            {agent: np.full(2, 0.1 * self.steps) for agent in agents},
+            {agent: float(actions[agent][0]) for agent in agents},
+            dict.fromkeys(agents, is_over and self.terminates),
+            dict.fromkeys(agents, is_over and not self.terminates),
+            {agent: {} for agent in agents},
+        )
+
+    def observations(self):
+        return {agent: np.full(2, 0.1) for agent in self.agents}
+
+    def state(self):
+        return np.full(4, 0.1 * self.steps)
+
+
+class AsDouble(VecMonitor):
+    """The rows of a vector environment in double precision, past all that SuperSuit's path does."""
+
+    def __init__(self, venv):
+        super().__init__(venv)
+        self.observation_space = spaces.Dict(
+            {
+                key: spaces.Box(box.low.astype(float), box.high.astype(float), dtype=np.float64)
+                for key, box in venv.observation_space.items()
+            }
+        )
+
+    def reset(self):
+        return {key: rows.astype(float) for key, rows in super().reset().items()}
+
+    def step_wait(self):
+        rows, rewards, dones, infos = super().step_wait()
+        for info in infos:
+            if "terminal_observation" in info:
+                last = info["terminal_observation"]
+                info["terminal_observation"] = {key: last[key].astype(float) for key in last}
+        return {key: value.astype(float) for key, value in rows.items()}, rewards, dones, infos
+
+
+class TestDoublePrecision:
+    def test_the_centralised_wrapper_casts(self):
+        env = CentralizedState(DoubleEnv(terminates=False))
+        parallel_api_test(env, num_cycles=20)
+        space = env.observation_space("left")
+        assert space["observation"].dtype == space["state"].dtype == np.float32
+        assert space["observation"].low[0] == -np.inf and space["observation"].high[0] == 2.0
+        observations, _ = env.reset()
+        assert space.contains(observations["left"])
+        rows = make_supersuit_vec_env(lambda: DoubleEnv(terminates=False), 2).reset()
+        assert {array.dtype for array in rows.values()} == {np.dtype(np.float32)}
+
+    @pytest.mark.parametrize("terminates", [True, False])
+    @pytest.mark.parametrize("wrapped", [AsDouble, VecMonitor])
+    @pytest.mark.parametrize("learner", [MAPPO, MADDPG])
+    def test_learners_take_it(self, learner, wrapped, terminates):
+        env = wrapped(make_supersuit_vec_env(lambda: DoubleEnv(terminates), 2))
+        if learner is MAPPO:
+            policy, own = "CentralizedCriticPolicy", {"n_steps": 5, "batch_size": 10}
+        else:
+            policy, own = "JointCriticPolicy", {"batch_size": 4, "update_every": 5}
+        model = learner(policy, env, policy_kwargs={"net_arch": [8]}, seed=0, **own)
+        model.learn(60)
+        observation = env.reset()
+        actions, _ = model.predict(observation, deterministic=True)
+        single = {key: rows.astype(np.float32) for key, rows in observation.items()}
+        np.testing.assert_array_equal(actions, model.predict(single, deterministic=True)[0])
+        assert {weight.dtype.itemsize for weight in model.policy.parameters()} == {4}
+
+    def test_the_same_numbers_in_double_precision_are_learned_from_alike(self):
+        weights = []
+        for wrapped in (VecMonitor, AsDouble):
+            env = wrapped(make_vec_env(2, seed=1, **SHORT))
+            model = MAPPO(
+                *("CentralizedCriticPolicy", env),
+                **{"n_steps": 12, "batch_size": 24, "policy_kwargs": {"net_arch": [8]}, "seed": 0},
+            )
+            model.learn(2 * 12 * 6)
+            weights.append([weight.detach().numpy() for weight in model.policy.parameters()])
+        for one, other in zip(*weights, strict=True):
+            np.testing.assert_array_equal(one, other)
+
+
+class TestOtherProcesses:
+    def test_the_module_form_of_the_id_registers_where_nothing_was_imported(self):
+        make = partial(gymnasium.make, "orchid_uav:orchid/Fleet-v0", **SHORT)
+        processes = AsyncVectorEnv([make], context="spawn")
+        try:
+            rows, _ = processes.reset(seed=[3])
+        finally:
+            processes.close()
+        expected, _ = gymnasium.make("orchid/Fleet-v0", **SHORT).reset(seed=3)
+        np.testing.assert_array_equal(rows[0], expected)
 
 
 def test_importing_the_simulator_needs_neither_torch_nor_sb3():

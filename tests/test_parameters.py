@@ -1,9 +1,20 @@
 """Table I, and what is refused."""
 
+import math
+from typing import Any
+
+import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from orchid_uav.envs import Parameters
+from orchid_uav.envs import Parameters, WorldBatch
+from orchid_uav.envs.keys import values_of
+from orchid_uav.envs.spaces import observation_space, state_space
+
+FEW = {"network.user_count": 6, "network.uav_count": 3, "deployment.n_init": 3}
+"""Greatest numbers of what only costs time."""
 
 
 def test_defaults_are_table_i():
@@ -56,6 +67,7 @@ def test_is_frozen():
         {"distribution": "gauss"},
         {"efficiency_weight": [True, False]},
         {"noise_density_dbm_per_hz": -4000.0},
+        {"init": "random", "min_separation_m": 5000.0},
         {"no_such_parameter": 1},
         {"network.no_such": 1},
     ],
@@ -63,6 +75,11 @@ def test_is_frozen():
 def test_what_cannot_be_is_refused(overrides):
     with pytest.raises(ValueError):
         Parameters().with_overrides(overrides)
+
+
+def test_as_many_uavs_as_corners_have_room_for_a_random_start():
+    corners = {"init": "random", "uav_count": 4, "area_m": 100.0, "min_separation_m": 100.0}
+    assert Parameters().with_overrides(corners).deployment.init == "random"
 
 
 def test_total_bandwidth_is_divided_among_the_uavs():
@@ -76,3 +93,83 @@ def test_objective_sets_the_shares_unless_they_are_given():
     assert Parameters().with_overrides({"objective": "pf"}).reward.share_rule == "pf"
     both = Parameters().with_overrides({"objective": "mmf", "shares": "pf"})
     assert both.reward.share_rule == "pf"
+
+
+def values_within(key: str, text: str) -> st.SearchStrategy[Any]:
+    """What a key may hold, from the text that tells its range: often an end of it."""
+    text, _, optional = text.partition(" or ")
+    count, _, inner = text.rpartition(" × ")
+    if count:
+        one = values_within(key, inner)
+        return st.tuples(*[one] * int(count))
+    least_text, dots, greatest_text = text.partition("..")
+    if not dots:
+        words = [True, False] if text == "true, false" else text.split(", ")
+        found: st.SearchStrategy[Any] = st.sampled_from(words)
+    elif type(default_of(key)) is int:
+        least, greatest = int(least_text), int(greatest_text)
+        greatest = FEW.get(key, greatest)
+        found = st.sampled_from([least, greatest]) | st.integers(least, greatest)
+    else:
+        low, high = float(least_text), float(greatest_text)
+        found = st.sampled_from([low, high]) | st.floats(low, high)
+        if low > 0.0:  # as likely near one end as near the other
+            exponents = st.floats(math.log(low), math.log(high))
+            found |= exponents.map(lambda power: min(max(math.exp(power), low), high))
+    return found | st.none() if optional else found
+
+
+def default_of(key: str) -> Any:
+    section, field = key.split(".")
+    return getattr(getattr(Parameters(), section), field)
+
+
+RANGES = {
+    f"{section}.{field}": values_of(declared)
+    for section, info in Parameters.model_fields.items()
+    for field, declared in type(info.default).model_fields.items()
+}
+
+
+class TestExtremes:
+    @settings(max_examples=80, deadline=None)
+    @given(st.data())
+    def test_whatever_is_accepted_flies_to_finite_numbers(self, data):
+        chosen = data.draw(st.sets(st.sampled_from(sorted(RANGES)), min_size=1))
+        overrides = {key: data.draw(values_within(key, RANGES[key]), key) for key in sorted(chosen)}
+        self.fly({"network.user_count": 6, "network.uav_count": 3, **overrides})
+
+    @settings(max_examples=40, deadline=None)
+    @given(st.data())
+    def test_all_keys_at_once(self, data):
+        values = {key: data.draw(values_within(key, text), key) for key, text in RANGES.items()}
+        for key in ("altitude_m", "transmit_power_w"):  # in order, lest most be refused
+            names = [f"uav.{place}_{key}" for place in ("min", "initial", "max")]
+            present = sorted(values[name] or values[names[0]] for name in names)
+            values |= dict(zip(names, present, strict=True))
+        losses = ["channel.excess_loss_los_db", "channel.excess_loss_nlos_db"]
+        values |= dict(zip(losses, sorted(values[loss] for loss in losses), strict=True))
+        values["network.user_count"] = max(
+            values["network.user_count"], values["network.uav_count"] + 1
+        )
+        self.fly(values)
+
+    def fly(self, overrides: dict[str, Any]) -> None:
+        try:
+            world = WorldBatch(parameters := Parameters().with_overrides(overrides), seed=0)
+            world.reset()
+        except ValueError as error:  # limits in the wrong order, no room
+            assert "not within" not in str(error) and len(str(error).splitlines()) == 1
+            return
+        own, joint = observation_space(parameters), state_space(parameters)
+        generator = np.random.default_rng(0)
+        for slot in range(3):
+            if slot > 0 and not world.finished.any():
+                actions = generator.choice([-1.0, 0.3, 1.0], (1, world.uav_count, 4))
+                world.step(actions)
+            for name, array in world.arrays._asdict().items():
+                assert np.isfinite(array).all(), name
+            assert all(own.contains(row) for row in world.arrays.observations[0])
+            assert joint.contains(world.arrays.states[0])
+            for name, array in world.snapshot().items():
+                assert np.isfinite(array).all(), name
