@@ -27,7 +27,7 @@ UNITS = {
 
 
 def within(least: float, greatest: float) -> Any:
-    """A number's range, both ends included: generous, yet nothing within it leads to infinities."""
+    """A number's range, both ends included."""
     return Field(ge=least, le=greatest)
 
 

@@ -31,7 +31,8 @@ def read_configuration(path: Path, say: Callable[[str], object]) -> tuple[str, s
     suffix = path.suffix.lower()[1:]
     try:
         # Opening a pipe that nobody writes to would block for ever.
-        descriptor = os.open(path.expanduser(), os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
+        flags = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+        descriptor = os.open(path.expanduser(), os.O_RDONLY | flags)
         with os.fdopen(descriptor, "rb", buffering=0) as file:
             mode = os.fstat(descriptor).st_mode
             is_regular = stat.S_ISREG(mode)

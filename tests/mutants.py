@@ -96,7 +96,7 @@ MUTANTS = [
     Mutant(
         "every world the same generator",
         "envs/world.py",
-        "np.random.default_rng(world_seed)",
+        "np.random.default_rng(seeds[world])",
         "np.random.default_rng(0)",
         "test_world.py",
     ),
@@ -110,7 +110,7 @@ MUTANTS = [
     Mutant(
         "an actor that sees the state",
         "agents/policies.py",
-        'return self.distribution(obs["observation"])',
+        'return self.distribution(obs["observation"].float())',
         'return self.distribution(obs["observation"] + obs["state"][:, :16])',
         "test_mappo.py",
     ),

@@ -135,6 +135,15 @@ class TestKeys:
         for key, (_, unit, _) in shown.items():
             assert bool(unit) == key.endswith(ENDS_THAT_ARE_UNITS), key
 
+    def test_the_table_tells_what_a_key_may_hold(self, orchid):
+        told = dict(line.split("\t")[0:4:3] for line in orchid("config", "show").out.splitlines())
+        assert told["network.slot_s"] == "0.001..86400"
+        assert told["network.total_bandwidth_hz"] == "1..1e+12 or none"
+        assert told["reward.shares"] == "mmf, pf, se or none"
+        assert told["reset.enabled"] == "true, false"
+        assert told["ppo.hidden_sizes"] == "1..16 × 1..4096"
+        assert all(told.values())
+
     def test_the_paper_preset_is_the_default(self):
         assert merge([preset_layer("paper")])[0] == RunConfig() == merge([])[0]
 
