@@ -1,10 +1,27 @@
-"""Compiled functions whose cache notices every change of the equations they are made of."""
+"""Compiled functions whose cache notices every change of the equations they are made of.
+
+The cache is a convenience. Whatever is wrong with it, the functions are compiled without.
+"""
 
 import hashlib
+import os
+import pickle
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any, ClassVar
 
 from numba import njit
+from numba.core import config
+from numba.core.caching import (
+    CompileResultCacheImpl,
+    FunctionCache,
+    IndexDataCacheFile,
+    NullCache,
+    UserWideCacheLocator,
+)
+from numba.core.dispatcher import Dispatcher
+
+from orchid_uav.envs.notices import note_once, warn_once
 
 
 def _digest_of_sources() -> str:
@@ -21,8 +38,127 @@ this, an equation changed in another file would go on unchanged in the cache."""
 
 
 def compiled(function: Callable[..., None]) -> Callable[..., None]:
-    """Compile with a cache on disk where there is a place for one."""
-    try:
-        return njit(cache=True, error_model="numpy")(function)
-    except RuntimeError:  # no place for a cache can be written: every process compiles anew
-        return njit(error_model="numpy")(function)
+    """Compile at the first call, with a cache on disk where there is a place for one."""
+    dispatcher = njit(error_model="numpy")(function)
+    if isinstance(dispatcher, Dispatcher):  # not with NUMBA_DISABLE_JIT
+        try:
+            dispatcher._cache = _Cache(function)
+        except RuntimeError:  # what numba raises where no folder for it can be written
+            dispatcher._cache = _NoCache(function)
+    return dispatcher
+
+
+class _CheckedFile(IndexDataCacheFile):
+    """Files of a cache whose code is of the key that was asked for, and as it was written.
+
+    numba writes the index first: of a process that died then, or had no room for more, an index is
+    left that leads to code of earlier days. And a flipped bit in machine code still is some code.
+    """
+
+    def save(self, key: Any, data: Any) -> None:
+        """Write code with its key and checksum."""
+        content = self._dump(data)
+        super().save(key, (key, hashlib.sha256(content).digest(), content))
+
+    def load(self, key: Any) -> Any:
+        """The code of a key, None if there is none.
+
+        Raises:
+            Exception: of any kind, for damaged files.
+        """
+        found = super().load(key)
+        if found is None:
+            return None
+        its_key, checksum, content = found
+        if hashlib.sha256(content).digest() != checksum:
+            raise ValueError("a checksum does not fit")
+        return pickle.loads(content) if its_key == key else None
+
+
+class _Places(CompileResultCacheImpl):
+    """Folders that numba chooses from, without one that would be made in the current directory."""
+
+    _locator_classes: ClassVar[list[type]] = [
+        place
+        for place in CompileResultCacheImpl._locator_classes
+        if place is not UserWideCacheLocator or os.path.expanduser("~") != "~"  # noqa: PTH111
+    ]
+
+
+class _Cache(FunctionCache):
+    """numba's cache of a function, in which no damage and no lack of room is an error.
+
+    Raises:
+        RuntimeError: no folder for it can be written.
+    """
+
+    _impl_class = _Places
+
+    def __init__(self, function: Callable[..., None]) -> None:
+        super().__init__(function)
+        stamp = self._impl.locator.get_source_stamp()
+        self._cache_file = _CheckedFile(self._cache_path, self._impl.filename_base, stamp)
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """The compiled function for types of arguments, None where it has to be compiled."""
+        try:
+            found = super().load_overload(sig, target_context)
+        except Exception as error:  # damaged pickles raise whatever their bytes mean
+            found = None
+            self._begin_anew(error)
+        if found is None:
+            _announce("once on this machine" if self._enabled else "at every start")
+        return found
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep a compiled function."""
+        try:
+            super().save_overload(sig, data)
+        except Exception as error:
+            self._go_without(error)
+
+    def _begin_anew(self, damage: Exception) -> None:
+        try:
+            self.flush()
+        except Exception as error:
+            self._go_without(error)
+        else:
+            warn_once(
+                "cache",
+                f"compiled code in {self._cache_path} was damaged, and is replaced: "
+                f"{_described(damage)}",
+            )
+
+    def _go_without(self, error: Exception) -> None:
+        self.disable()
+        _warn_of_no_cache(self._cache_path, _described(error))
+
+
+class _NoCache(NullCache):
+    """Of a function for which there is no place on disk."""
+
+    def __init__(self, function: Callable[..., None]) -> None:
+        beside = Path(function.__code__.co_filename).parent / "__pycache__"
+        self._refused = config.CACHE_DIR or str(beside)
+
+    def load_overload(self, sig: Any, target_context: Any) -> None:
+        """Nothing is there, and nothing will be."""
+        _warn_of_no_cache(self._refused, "it cannot be written")
+        _announce("at every start")
+
+
+def _warn_of_no_cache(folder: str, reason: str) -> None:
+    warn_once(
+        "cache",
+        f"compiled code cannot be kept in {folder}, so that every start compiles it: {reason}; "
+        "NUMBA_CACHE_DIR names another folder",
+    )
+
+
+def _announce(how_often: str) -> None:
+    note_once("compilation", f"compiling the simulator, ten to twenty seconds, {how_often}")
+
+
+def _described(error: Exception) -> str:
+    reason = (isinstance(error, OSError) and error.strerror) or str(error)
+    return f"{type(error).__name__}: {reason}" if reason else type(error).__name__

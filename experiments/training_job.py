@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from orchid_uav.agents.safe_files import read_document
+from orchid_uav.envs.notices import show_on_stderr
 from orchid_uav.experiments.configuration import RunConfig
 from orchid_uav.experiments.errors import InputError, RunFailedError
 from orchid_uav.experiments.files import write_json
@@ -183,6 +184,7 @@ def _stop_with_parent() -> None:
 
 def main() -> int:
     """Run the job of the file named on the command line."""
+    show_on_stderr()
     if "ORCHID_JOB" in os.environ:
         _stop_with_parent()
     try:

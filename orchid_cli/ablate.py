@@ -35,6 +35,7 @@ from orchid_uav.cli.console import (
     print_warning,
     stdout_for_json_alone,
 )
+from orchid_uav.envs.notices import show_on_stderr
 from orchid_uav.experiments.configuration import (
     RunConfig,
     assignment_layer,
@@ -138,6 +139,7 @@ def ablate(
     Example: orchid ablate --no-rf --kappa 0.1,0.3 --seeds 0..4 --jobs 2
     """
     with failing_well(debug):
+        show_on_stderr(with_notes=not quiet)
         from orchid_uav.experiments.variants import check_variants
 
         merged = _base(context.params)

@@ -100,6 +100,15 @@ def failing_well(debug: bool) -> Iterator[None]:
         print_error(str(error))
         code = WRONG_INPUT if isinstance(error, InputError) else FAILED
         raise typer.Exit(code) from error
+    except EOFError as error:  # Typer would take it for an end of the terminal's input: 130
+        raise RuntimeError(f"a file ended too early: {error}") from error
+    except OSError as error:
+        if error.filename is None:  # of the output, see main
+            raise
+        if debug:
+            traceback.print_exc()
+        print_error(f"{error.filename}: {error.strerror or error}")
+        raise typer.Exit(FAILED) from error
     except KeyboardInterrupt as error:
         print("interrupted", file=sys.stderr)
         raise typer.Exit(INTERRUPTED) from error

@@ -169,9 +169,7 @@ class LiveReporter:
 
     def __init__(self, out: Console) -> None:
         self._out = out
-        print_line(
-            out, "getting ready; a first run compiles the simulator, for ten to twenty seconds"
-        )
+        print_line(out, "getting ready ...")
 
     def begin(
         self,

@@ -24,6 +24,7 @@ from orchid_uav.cli.console import (
     print_table,
     stdout_for_json_alone,
 )
+from orchid_uav.envs.notices import show_on_stderr
 from orchid_uav.experiments.configuration import (
     LEARNING_SECTIONS,
     RunConfig,
@@ -128,6 +129,7 @@ def evaluate(
     Example: orchid eval --uavs 4..10 --methods orchid,orchid-zero,static-mmf,loiter-mmf
     """
     with failing_well(debug):
+        show_on_stderr(with_notes=not quiet)
         if list_methods:
             from orchid_uav.experiments.methods import ideas
 

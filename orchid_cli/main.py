@@ -14,6 +14,7 @@ from orchid_uav.cli.ablate import ablate
 from orchid_uav.cli.console import FAILED, INTERRUPTED, WRONG_INPUT, print_error
 from orchid_uav.cli.eval import evaluate
 from orchid_uav.cli.train import train
+from orchid_uav.envs.notices import show_on_stderr
 
 app = typer.Typer(
     help="ORCHID: fairness-aware orchestration of UAV base stations.",
@@ -58,6 +59,7 @@ def main(arguments: list[str] | None = None) -> int:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # "³" where only ASCII is known
+    show_on_stderr()
     try:
         code = app(args=given, prog_name="orchid", standalone_mode=False, obj=given) or 0
         sys.stdout.flush()

@@ -41,6 +41,7 @@ from orchid_uav.cli.console import (
     print_table,
     stdout_for_json_alone,
 )
+from orchid_uav.envs.notices import show_on_stderr
 from orchid_uav.experiments.configuration import FLAGS, RunConfig, spare_uavs_note
 from orchid_uav.experiments.errors import InputError, RunFailedError
 from orchid_uav.experiments.provenance import describe_versions
@@ -125,6 +126,7 @@ def train(
     Example: orchid train --uavs 8 --objective pf --no-rf --seed 3 --name pf-8
     """
     with failing_well(debug):
+        show_on_stderr(with_notes=not quiet)
         out = console(stderr=as_json)
         if resume is None:
             merged, _ = configuration(context)

@@ -3,9 +3,12 @@
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 import torch
 
+from orchid_uav.envs import WorldBatch
+from orchid_uav.envs.diagnostics import Diagnostics
 from tests.running import Finished, fingerprint
 
 
@@ -15,8 +18,19 @@ def _one_thread_per_process() -> None:
     torch.set_num_threads(1)
 
 
+@pytest.fixture(scope="session")
+def compiled_simulator():
+    """Compile what is compiled at the first call: commands tell of it among what tests look at."""
+    world = WorldBatch(seed=0)
+    world.reset()
+    diagnostics = Diagnostics(world)
+    diagnostics.begin()
+    world.step(np.zeros((1, 6, 4)))
+    diagnostics.observe()
+
+
 @pytest.fixture
-def plain_environment(monkeypatch):
+def plain_environment(monkeypatch, compiled_simulator):
     """Nothing that decides where a command writes, or how, is left from the caller."""
     for name in ("FORCE_COLOR", "NO_COLOR", "TTY_COMPATIBLE", "ORCHID_RUNS_DIR", "PYTHONWARNINGS"):
         monkeypatch.delenv(name, raising=False)
