@@ -42,9 +42,9 @@ def compiled(function: Callable[..., None]) -> Callable[..., None]:
     dispatcher = njit(error_model="numpy")(function)
     if isinstance(dispatcher, Dispatcher):  # not with NUMBA_DISABLE_JIT
         try:
-            dispatcher._cache = _Cache(function)
+            dispatcher._cache = _Cache(function)  # type: ignore[attr-defined]
         except RuntimeError:  # what numba raises where no folder for it can be written
-            dispatcher._cache = _NoCache(function)
+            dispatcher._cache = _NoCache(function)  # type: ignore[attr-defined]
     return dispatcher
 
 

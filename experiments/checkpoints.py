@@ -1,7 +1,6 @@
 """``checkpoints/<episode>/`` of a run directory: written whole, checked before they are used."""
 
 import hashlib
-import os
 import re
 import shutil
 from collections.abc import Callable, Mapping
@@ -13,7 +12,7 @@ from safetensors.numpy import save
 
 from orchid_uav.agents.safe_files import TensorKind, read_sealed, read_tensors, sealed
 from orchid_uav.experiments.errors import InputError
-from orchid_uav.experiments.files import json_bytes, sync_directory
+from orchid_uav.experiments.files import json_bytes, sync_directory, sync_file
 from orchid_uav.experiments.run_records import CHECKPOINTS_FOLDER
 from orchid_uav.experiments.training_state import TrainingState
 
@@ -172,5 +171,4 @@ def _file(name: str) -> str:
 def _write(path: Path, content: bytes) -> None:
     with path.open("wb") as file:
         file.write(content)
-        file.flush()
-        os.fsync(file.fileno())
+        sync_file(file, path.parent)

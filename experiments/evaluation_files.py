@@ -13,6 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from orchid_uav.agents.safe_files import read_document
+from orchid_uav.envs.notices import warn_once
 from orchid_uav.envs.world import evaluation_seeds
 from orchid_uav.experiments.errors import InputError, RunFailedError
 from orchid_uav.experiments.evaluation import (
@@ -261,22 +262,32 @@ def save_flights(
 def write_evaluation(
     directory: Path, document: Mapping[str, Any], with_figures: bool = True
 ) -> None:
-    """Add figures to saved flights, and then the summary.
+    """Add the summary to saved flights, and figures; without these, if they cannot be drawn.
 
     Raises:
-        RunFailedError: they cannot be written.
+        RunFailedError: the summary cannot be written.
     """
     with _told(directory):
         shutil.rmtree(directory / FIGURES_FOLDER, ignore_errors=True)
         if with_figures and document["results"]:
-            from orchid_uav.experiments.contact_sheet import write_evaluation_sheet
-            from orchid_uav.experiments.figures import draw_figures
-
-            with tempfile.TemporaryDirectory(prefix=".drawing-", dir=directory) as beside:
-                figures = draw_figures(document["results"], Path(beside) / FIGURES_FOLDER)
-                write_evaluation_sheet(Path(beside) / FIGURES_FOLDER, document, figures)
-                (Path(beside) / FIGURES_FOLDER).rename(directory / FIGURES_FOLDER)
+            # All results, though not all that was asked for: the same command would go on.
+            write_json(directory / SUMMARY_FILE, {**document, "status": "interrupted"})
+            try:
+                _draw(directory, document)
+            except Exception as error:
+                reason = " ".join(f"{type(error).__name__}: {error}".split())
+                warn_once("figures", f"no figures in {directory}, since drawing failed: {reason}")
         write_json(directory / SUMMARY_FILE, document)
+
+
+def _draw(directory: Path, document: Mapping[str, Any]) -> None:
+    from orchid_uav.experiments.contact_sheet import write_evaluation_sheet
+    from orchid_uav.experiments.figures import draw_figures
+
+    with tempfile.TemporaryDirectory(prefix=".drawing-", dir=directory) as beside:
+        figures = draw_figures(document["results"], Path(beside) / FIGURES_FOLDER)
+        write_evaluation_sheet(Path(beside) / FIGURES_FOLDER, document, figures)
+        (Path(beside) / FIGURES_FOLDER).rename(directory / FIGURES_FOLDER)
 
 
 def _write_table(table: pa.Table, path: Path) -> None:

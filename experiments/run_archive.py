@@ -21,7 +21,7 @@ from typing import IO, Any, NamedTuple
 
 from orchid_uav.agents.safe_files import LARGEST_DOCUMENT
 from orchid_uav.experiments.errors import InputError, RunFailedError
-from orchid_uav.experiments.files import json_bytes, sync_directory
+from orchid_uav.experiments.files import json_bytes, share, sync_directory, sync_file
 from orchid_uav.experiments.run_index import read_run
 from orchid_uav.experiments.run_records import CONFIG_FILE, RECORD_FILE
 
@@ -164,9 +164,8 @@ def _appearing_when_complete(target: Path, force: bool) -> Iterator[IO[bytes]]:
     try:
         with os.fdopen(descriptor, "wb") as file:
             yield file
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.chmod(0o644)
+            sync_file(file, target.parent)
+        share(temporary)
         if force:
             temporary.replace(target)
         else:

@@ -21,7 +21,7 @@ from orchid_uav.agents.safe_files import checksum_of_file, read_bytes, sealed
 from orchid_uav.envs.metrics import EPISODE_METRICS
 from orchid_uav.experiments.configuration import RunConfig
 from orchid_uav.experiments.errors import InputError
-from orchid_uav.experiments.files import json_bytes, write_atomically, write_json
+from orchid_uav.experiments.files import json_bytes, sync_file, write_atomically, write_json
 from orchid_uav.experiments.provenance import describe_host, describe_process, describe_versions
 from orchid_uav.experiments.run_lock import RunLock
 from orchid_uav.experiments.run_records import (
@@ -258,8 +258,8 @@ class RunDirectory:
 
     def sync_episodes(self) -> tuple[int, str]:
         """Have the log on the disk; its size and SHA-256."""
-        with (self.path / EPISODES_FILE).open("rb") as file:
-            os.fsync(file.fileno())
+        with (self.path / EPISODES_FILE).open("rb+") as file:  # Windows syncs what can be written
+            sync_file(file, self.path)
             content = file.read(self._episodes_size)
         return self._episodes_size, hashlib.sha256(content).hexdigest()
 

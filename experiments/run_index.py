@@ -138,7 +138,12 @@ def read_index(runs_dir: Path) -> Index:
     runs, damaged = [], {}
     for name in names:
         path = runs_dir / name
-        if not os.path.lexists(path / RECORD_FILE):
+        try:
+            os.lstat(path / RECORD_FILE)
+        except PermissionError as error:
+            damaged[name] = f"cannot read {path}: {error.strerror}"
+            continue
+        except OSError:
             continue
         try:
             runs.append(read_run(path))

@@ -129,10 +129,10 @@ def has_checkpoint(path: Path) -> bool:
 
 def resume_command(path: Path) -> list[str]:
     """The command line that goes on with a run, or extends it."""
-    default = Path(os.environ.get("ORCHID_RUNS_DIR", DEFAULT_RUNS_DIR)).expanduser()
     try:
+        default = expanded(os.environ.get("ORCHID_RUNS_DIR", DEFAULT_RUNS_DIR))
         is_default = path.parent.resolve() == default.resolve()
-    except OSError:
+    except (OSError, InputError):
         is_default = False
     return ["orchid", "train", "--resume", path.name if is_default else str(path)]
 
@@ -149,9 +149,14 @@ def find_run(name: str, runs_dir: Path) -> Path:
             return given
     except (OSError, ValueError) as error:
         raise InputError(f"no run {name!r}: {getattr(error, 'strerror', error)}") from error
-    if not runs_dir.is_dir():
-        raise InputError(f"no run '{name}': there is no directory {runs_dir}")
-    ids = sorted(path.name for path in runs_dir.iterdir() if (path / RECORD_FILE).is_file())
+    try:
+        entries = sorted(runs_dir.iterdir())
+    except (FileNotFoundError, NotADirectoryError) as error:
+        raise InputError(f"no run '{name}': there is no directory {runs_dir}") from error
+    except OSError as error:
+        raise InputError(f"cannot read {runs_dir}: {error.strerror or error}") from error
+    # Not Path.is_file, which raises an error where a directory is somebody else's.
+    ids = [path.name for path in entries if os.path.isfile(path / RECORD_FILE)]  # noqa: PTH113
     found = [name] if name in ids else [run for run in ids if run.startswith(name)]
     if len(found) == 1:
         return runs_dir / found[0]

@@ -79,13 +79,15 @@ class TrainingJob:
             {
                 "name": self.name,
                 "config": self.config.model_dump(mode="json"),
-                "runs_dir": str(self.runs_dir.resolve()),
+                # Not absolute: a name above may be no text that JSON could hold.
+                "runs_dir": os.path.relpath(self.runs_dir.resolve(), folder.resolve()),
                 "command": list(self.command),
             },
         )
         return Job(
             name=self.key,
-            command=(sys.executable, "-m", "orchid_uav.experiments.training_job", str(order)),
+            # -P: a user's own statistics.py in the current directory is not the library's.
+            command=(sys.executable, "-P", "-m", "orchid_uav.experiments.training_job", str(order)),
             log=folder / f"{self.key}.log",
             share=_Share(self),
             cost=cost,
@@ -103,7 +105,7 @@ class TrainingJob:
             return cls(
                 document["name"],
                 RunConfig.model_validate(document["config"]),
-                Path(document["runs_dir"]),
+                (order.parent / document["runs_dir"]).resolve(),
                 tuple(document["command"]),
             )
         except (OSError, ValueError, LookupError, TypeError) as error:

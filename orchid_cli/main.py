@@ -56,12 +56,14 @@ def _orchid(
 def main(arguments: list[str] | None = None) -> int:
     """Run the command and return its exit code."""
     given = sys.argv[1:] if arguments is None else arguments
+    recorded = [os.fsencode(argument).decode(errors="replace") for argument in given]
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # "³" where only ASCII is known
     show_on_stderr()
+    os.environ["MPLBACKEND"] = "Agg"  # one inherited from a notebook may not be there
     try:
-        code = app(args=given, prog_name="orchid", standalone_mode=False, obj=given) or 0
+        code = app(args=given, prog_name="orchid", standalone_mode=False, obj=recorded) or 0
         sys.stdout.flush()
     except _UsageError as error:
         print_error(_describe(error, given))

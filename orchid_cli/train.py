@@ -44,6 +44,7 @@ from orchid_uav.cli.console import (
 from orchid_uav.envs.notices import show_on_stderr
 from orchid_uav.experiments.configuration import FLAGS, RunConfig, spare_uavs_note
 from orchid_uav.experiments.errors import InputError, RunFailedError
+from orchid_uav.experiments.files import expanded
 from orchid_uav.experiments.provenance import describe_versions
 from orchid_uav.experiments.run_records import (
     DEFAULT_RUNS_DIR,
@@ -134,7 +135,7 @@ def train(
             if spare_uavs := spare_uavs_note(merged.network):
                 print_note(spare_uavs)
         else:
-            path, merged = _continuation(context, find_run(resume, runs_dir.expanduser()))
+            path, merged = _continuation(context, find_run(resume, expanded(runs_dir)))
         # torch and SB3 take seconds to import: not before the input is known to be right.
         from orchid_uav.experiments import trackers
         from orchid_uav.experiments.interruption import interruption_requests
@@ -147,7 +148,7 @@ def train(
         with interruption_requests() as interruption, stdout_for_json_alone(as_json):
             command = ["orchid", *context.obj]
             if resume is None:
-                run = RunDirectory.create(runs_dir.expanduser(), name, merged, command)
+                run = RunDirectory.create(expanded(runs_dir), name, merged, command)
             else:
                 run = RunDirectory.reopen(path, merged, command)
             opened = [trackers.open_tracker(tracker, run.path, merged) for tracker in wanted]

@@ -1,6 +1,8 @@
 """One process a run: who gets the right to write it, and when that ends."""
 
+import errno
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -9,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from orchid_uav.envs import notices
+from orchid_uav.envs.notices import show_on_stderr
 from orchid_uav.experiments import run_lock
 from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.provenance import boot_id
@@ -204,6 +208,47 @@ class TestIsAlive:
     @pytest.mark.parametrize("pid", [None, "1", 2**70, 2**31 - 1, 1.5])
     def test_what_is_no_process_is_not_alive(self, read_only, pid):
         assert not is_alive(read_only, {"pid": pid, "boot_id": boot_id()})
+
+
+class TestFileSystemWithoutLocks:
+    REFUSALS = (errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOTSUP, errno.ENOLCK, 524)
+
+    @pytest.fixture(params=REFUSALS)
+    def without_locks(self, request, run, monkeypatch):
+        fcntl = pytest.importorskip("fcntl")
+        monkeypatch.setattr(notices, "_told", set())
+
+        def refuse(descriptor, operation):
+            raise OSError(request.param, os.strerror(request.param))
+
+        monkeypatch.setattr(fcntl, "flock", refuse)
+        return run
+
+    def test_the_right_is_taken_for_granted_with_one_warning(self, without_locks, capsys):
+        show_on_stderr()
+        first, second = RunLock(without_locks), RunLock(without_locks)
+        [warning] = capsys.readouterr().err.splitlines()
+        assert warning.startswith(f"warning: the file system of {without_locks} has no locks")
+        first.release()
+        second.release()
+
+    def test_whether_it_is_alive_the_process_says(self, without_locks):
+        lock = RunLock(without_locks)
+        mine = {"pid": os.getpid(), "boot_id": boot_id()}
+        assert is_alive(without_locks, mine)
+        child = forked(lambda: None)
+        os.waitpid(child, 0)
+        assert not is_alive(without_locks, mine | {"pid": child})
+        lock.release()
+        assert status_of(without_locks, mine | {"status": "running"}) == "running"
+
+    def test_a_failure_is_no_refusal(self, run, monkeypatch):
+        def fail(descriptor, operation):
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+        monkeypatch.setattr(pytest.importorskip("fcntl"), "flock", fail)
+        with pytest.raises(InputError, match=re.escape(os.strerror(errno.EIO))):
+            RunLock(run)
 
 
 class TestStatus:

@@ -251,9 +251,10 @@ class TestJob:
         job = dataclasses.replace(make(reset__kappa=0.3), runs_dir=Path("runs"))
         made = job.as_job(tmp_path, cost=2.5)
         assert (made.name, made.cost, made.log) == ("lab-s0", 2.5, tmp_path / "lab-s0.log")
-        assert made.command[:3] == (sys.executable, "-m", "orchid_uav.experiments.training_job")
-        absolute = dataclasses.replace(job, runs_dir=tmp_path / "runs")
-        assert TrainingJob.read(Path(made.command[3])) == absolute
+        module = "orchid_uav.experiments.training_job"
+        assert made.command[:4] == (sys.executable, "-P", "-m", module)
+        absolute = dataclasses.replace(job, runs_dir=tmp_path.resolve() / "runs")
+        assert TrainingJob.read(Path(made.command[4])) == absolute
 
     def test_its_share_grows_with_its_episodes(self, make, tmp_path, monkeypatch):
         job, shares = make(), []
