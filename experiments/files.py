@@ -28,7 +28,7 @@ def expanded(path: str | Path) -> Path:
         shown = os.fsencode(path)
         raise InputError(f"{shown!r} is no path that is used here: it is not UTF-8") from error
     except RuntimeError as error:
-        raise InputError(f"{path}: {error}") from error
+        raise InputError(f"{path}: no home is known for that; give the path without '~'") from error
 
 
 def write_atomically(path: Path, content: bytes) -> None:
@@ -55,7 +55,7 @@ def share(path: Path) -> None:
 
 
 def sync_file(file: IO[Any], directory: Path) -> None:
-    """Have a file of a directory, open for writing, on the disk, where its file system does that."""
+    """Have a file of a directory, open for writing, on the disk, if its file system does that."""
     file.flush()
     try:
         os.fsync(file.fileno())

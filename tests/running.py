@@ -1,11 +1,13 @@
 """Small runs, and what tests of them have in common."""
 
+import ctypes
 import hashlib
 import importlib.util
 import json
 import os
 import re
 import signal
+import sys
 import traceback
 import warnings
 from collections.abc import Callable, Iterator
@@ -57,6 +59,8 @@ NEEDS_SUPERSUIT = pytest.mark.skipif(
     importlib.util.find_spec("supersuit") is None,
     reason="SuperSuit, the extra 'supersuit', is not installed",
 )
+_CAPABILITIES_VERSION = 0x20080522
+_PASS_OVER_PERMISSIONS = 1 << 1 | 1 << 2  # CAP_DAC_OVERRIDE, CAP_DAC_READ_SEARCH
 
 
 @dataclass(frozen=True)
@@ -133,6 +137,31 @@ def file_size_limit(size: int) -> Iterator[None]:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+@contextmanager
+def without_privileges() -> Iterator[None]:
+    """Root without its right to pass over permissions, and with its right to what it owns.
+
+    Another user instead could perhaps not enter the checkout, below root's home for example.
+    """
+    if os.geteuid() != 0:
+        yield
+        return
+    if sys.platform != "linux":
+        pytest.skip("permissions bind no root here")
+    library = ctypes.CDLL(None, use_errno=True)
+    header = (ctypes.c_uint32 * 2)(_CAPABILITIES_VERSION, 0)  # of this thread
+    sets = (ctypes.c_uint32 * 6)()  # effective, permitted, inheritable; and again, the higher bits
+    assert library.capget(header, sets) == 0, os.strerror(ctypes.get_errno())
+    before = sets[0]
+    sets[0] = before & ~_PASS_OVER_PERMISSIONS
+    assert library.capset(header, sets) == 0, os.strerror(ctypes.get_errno())
+    try:
+        yield
+    finally:
+        sets[0] = before
+        assert library.capset(header, sets) == 0, os.strerror(ctypes.get_errno())
 
 
 class Audience:

@@ -41,6 +41,68 @@ GIVE_UP_AFTER_S = 120
 """Only so that a test that hangs fails: no test takes a twentieth of it."""
 
 
+NO_PATHS = ["~nosuchuser/x", os.fsdecode(b"of-1998-\xe9")]
+
+
+@pytest.mark.parametrize("given", NO_PATHS)
+@pytest.mark.parametrize(
+    "command",
+    [
+        [*TINY_TRAIN, "--runs-dir", ...],
+        ["train", "--resume", ...],
+        ["train", "--resume=x", "--runs-dir", ...],
+        ["train", "--config", ...],
+        ["eval", ...],
+        ["eval", "--out", ...],
+        ["eval", "x", "--runs-dir", ...],
+        ["eval", "--config", ...],
+        ["ablate", "--init=random", "--out", ...],
+        ["config", "show", "--config", ...],
+        ["runs", "list", "--runs-dir", ...],
+        ["runs", "show", ...],
+        ["runs", "delete", ..., "--yes"],
+        ["runs", "compare", "a", "b", "--runs-dir", ...],
+        ["runs", "export", ...],
+        ["runs", "import", ...],
+        ["runs", "import", "x.zip", "--runs-dir", ...],
+    ],
+)
+def test_a_path_that_cannot_be_one_is_an_error_of_a_line(
+    orchid, tmp_path, monkeypatch, command, given
+):
+    monkeypatch.chdir(tmp_path)
+    finished = orchid(*(given if part is ... else part for part in command))
+    assert_is_an_error(finished, given if given.isascii() else "of-1998-")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_path_of_the_environment_that_cannot_be_one_is_as_well(orchid, monkeypatch):
+    monkeypatch.setenv("ORCHID_RUNS_DIR", NO_PATHS[0])
+    assert_is_an_error(orchid("runs", "list"), NO_PATHS[0], "without '~'")
+
+
+def test_without_a_home_a_path_with_one_is_an_error(orchid, tmp_path, monkeypatch):
+    monkeypatch.delenv("HOME", raising=False)
+    monkeypatch.setattr(pytest.importorskip("pwd"), "getpwuid", {}.__getitem__)
+    assert_is_an_error(orchid("runs", "list", "--runs-dir", "~/runs"), "~/runs", "without '~'")
+    assert orchid("runs", "list", "--runs-dir", tmp_path).code == 0
+
+
+def test_a_command_with_bytes_that_are_no_text_is_recorded_as_text(
+    orchid, runs_dir, new_runs, tmp_path
+):
+    config = tmp_path / os.fsdecode(b"of-1998-\xe9.json")
+    try:
+        config.write_text('{"training": {"seed": 3}}')
+    except OSError:
+        pytest.skip("names here are text")
+    finished = orchid(*TINY_TRAIN, "--config", config, "--runs-dir", runs_dir, "--quiet")
+    assert finished.code == 0, finished.err
+    [run] = new_runs()
+    assert str(tmp_path / "of-1998-\N{REPLACEMENT CHARACTER}.json") in record_of(run)["command"]
+    assert orchid("runs", "show", run).code == 0
+
+
 class Terminal(io.StringIO):
     def isatty(self):
         return True

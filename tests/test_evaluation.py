@@ -6,6 +6,7 @@ import os
 import re
 import shutil
 import signal
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +17,9 @@ from orchid_uav.agents import load_policy
 from orchid_uav.agents.heuristics import Hover, Loiter
 from orchid_uav.agents.learned import Learned
 from orchid_uav.cli.evaluation_display import LineProgress
-from orchid_uav.envs import EPISODE_METRICS, Parameters, WorldBatch, evaluation_seeds
+from orchid_uav.envs import EPISODE_METRICS, Parameters, WorldBatch, evaluation_seeds, notices
 from orchid_uav.experiments import evaluation, evaluation_files
+from orchid_uav.experiments import figures as drawing
 from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.evaluation import Plan, Setting, evaluate, summarise_flights
 from orchid_uav.experiments.methods import known_methods, read_run, rules, select
@@ -260,6 +262,62 @@ def test_figures_are_drawn_in_both_formats(evaluate_tiny, tmp_path):
         re.findall(r'<img src="(\w+).png"', text)
     )
     assert "<code>orchid eval" in text and "--uavs=2,3" in text
+
+
+def test_the_summary_is_there_before_anything_is_drawn(evaluate_tiny, tmp_path, monkeypatch):
+    out = tmp_path / "work/out"
+    arguments = ("--methods=static-mmf,loiter-mmf", "--out=out")
+    seen = []
+
+    def die(*given):
+        seen.append(json.loads((out / "summary.json").read_text()))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(drawing, "draw_figures", die)
+    assert evaluate_tiny(*arguments).code == 130
+    assert [result["method"] for result in seen[0]["results"]] == ["static-mmf", "loiter-mmf"]
+    monkeypatch.undo()
+    monkeypatch.chdir(tmp_path / "work")
+    monkeypatch.setattr(drawing, "draw_metric", lambda results, metric: None)  # which takes time
+    finished = evaluate_tiny(*arguments)
+    assert finished.code == 0, "the same command does not go on"
+    assert "2 batches of them flown before" in finished.out
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["results"] == seen[0]["results"]
+    assert summary["status"] == "completed"
+    assert (out / "figures").is_dir()
+
+
+def test_figures_that_cannot_be_drawn_cost_no_evaluation(evaluate_tiny, tmp_path, monkeypatch):
+    monkeypatch.setattr(notices, "_told", set())
+
+    def fail(figure, path, **options):
+        raise ValueError("a font\nis missing")
+
+    monkeypatch.setattr(drawing.Figure, "savefig", fail)
+    finished = evaluate_tiny("--methods=static-mmf", "--out=out", "--quiet")
+    assert finished.code == 0
+    [warning] = finished.err.splitlines()
+    assert warning.startswith("warning: no figures in out, ")
+    assert warning.endswith("ValueError: a font is missing")
+    assert "static-mmf" in finished.out
+    assert json.loads((tmp_path / "work/out/summary.json").read_text())["status"] == "completed"
+    assert {path.name for path in (tmp_path / "work/out").iterdir()} == {
+        *("episodes.parquet", "summary.json")
+    }
+
+
+def test_a_backend_of_a_notebook_is_not_asked_for(start_process):
+    script = (
+        "from orchid_uav.cli.main import main; main(['config', 'show']);"
+        "from orchid_uav.experiments import figures; import matplotlib;"
+        "print(matplotlib.get_backend())"
+    )
+    inherited = {"MPLBACKEND": "module://of_a_notebook.that_is_not_here"}
+    process = start_process([sys.executable, "-c", script], env=os.environ | inherited)
+    out, err = process.communicate(timeout=120)
+    assert (process.returncode, err) == (0, "")
+    assert out.splitlines()[-1].lower() == "agg"
 
 
 def test_goes_to_a_directory_of_its_own_by_default(evaluate_tiny, tmp_path):

@@ -1,7 +1,6 @@
 """Full disks, read-only directories, clocks set back, numbers that are none: what is left, and that
 the run can go on."""
 
-import ctypes
 import errno
 import json
 import os
@@ -9,7 +8,6 @@ import re
 import shutil
 import stat
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -39,6 +37,7 @@ from tests.running import (
     fingerprint,
     learned_files,
     record_of,
+    without_privileges,
 )
 
 pytestmark = pytest.mark.usefixtures("torch_as_before")
@@ -47,8 +46,6 @@ TRAIN = ["train", *TINY_FLAGS, "--no-rf", "--quiet"]
 MADDPG = ["--algorithm=maddpg", "--set=maddpg.hidden_sizes=[16,16]", "--set=maddpg.batch_size=32"]
 EVERY_SECOND = "--set=checkpoint.every_episodes=2"
 EIGHT = ("--episodes=8", EVERY_SECOND)
-CAPABILITIES_VERSION = 0x20080522
-PASS_OVER_PERMISSIONS = 1 << 1 | 1 << 2  # CAP_DAC_OVERRIDE, CAP_DAC_READ_SEARCH
 GIVE_UP_AFTER_S = 120
 FULL = r"\[Errno 28\] No space left on device|\[Errno 27\] File too large"
 
@@ -66,31 +63,6 @@ def mounted(place: Path, size: int) -> Iterator[Path]:
         yield place
     finally:
         subprocess.run(["umount", "-l", str(place)], check=True)
-
-
-@contextmanager
-def without_privileges() -> Iterator[None]:
-    """Root without its right to pass over permissions, and with its right to what it owns.
-
-    Another user instead could perhaps not enter the checkout, below root's home for example.
-    """
-    if os.geteuid() != 0:
-        yield
-        return
-    if sys.platform != "linux":
-        pytest.skip("permissions bind no root here")
-    library = ctypes.CDLL(None, use_errno=True)
-    header = (ctypes.c_uint32 * 2)(CAPABILITIES_VERSION, 0)  # of this thread
-    sets = (ctypes.c_uint32 * 6)()  # effective, permitted, inheritable; and again, the higher bits
-    assert library.capget(header, sets) == 0, os.strerror(ctypes.get_errno())
-    before = sets[0]
-    sets[0] = before & ~PASS_OVER_PERMISSIONS
-    assert library.capset(header, sets) == 0, os.strerror(ctypes.get_errno())
-    try:
-        yield
-    finally:
-        sets[0] = before
-        assert library.capset(header, sets) == 0, os.strerror(ctypes.get_errno())
 
 
 class SmallDisk:

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,36 @@ KEYS = sorted(RELEASED)
 
 def record_of(key):
     return json.loads((REFERENCE / key / "run.json").read_text())
+
+
+@pytest.mark.parametrize("setting", ["core.autocrlf=true", "core.eol=crlf"])
+def test_a_checkout_has_the_same_bytes_on_every_system(tmp_path, setting):
+    root = REFERENCE.parent.parent
+
+    def git(*arguments):
+        return subprocess.run(
+            ["git", "-C", root, "-c", setting, *arguments],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+
+    listed = git("ls-files", "--", "runs/reference", "tests/data", "benchmarks/results", "Makefile")
+    if listed.returncode != 0 or not listed.stdout:
+        pytest.skip(f"this is no checkout of git: {listed.stderr}")
+    names = [name for name in listed.stdout.splitlines() if (root / name).is_file()]
+    written = git("checkout-index", f"--prefix={tmp_path}/", "--", *names)
+    assert written.returncode == 0, written.stderr
+    for name in names:
+        # What is being worked on may differ from what is kept, but not in its ends of lines.
+        assert (b"\r\n" in (tmp_path / name).read_bytes()) == (
+            b"\r\n" in (root / name).read_bytes()
+        ), name
+    for key in KEYS:
+        folder = tmp_path / "runs/reference" / key
+        record = json.loads((folder / "run.json").read_text())
+        content = (folder / "config.json").read_bytes()
+        assert hashlib.sha256(content).hexdigest() == record["config_sha256"], key
 
 
 def test_every_released_policy_is_there_and_small():

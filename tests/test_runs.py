@@ -31,7 +31,13 @@ from orchid_uav.experiments.run_index import (
 )
 from orchid_uav.experiments.run_removal import plan_removal, remove
 from tests.making_runs import begin_run, make_run, reseal, row, rows
-from tests.running import ESCAPE, assert_is_an_error, fingerprint, record_of
+from tests.running import (
+    ESCAPE,
+    assert_is_an_error,
+    fingerprint,
+    record_of,
+    without_privileges,
+)
 
 ROOT = Path(__file__).parent.parent
 
@@ -146,6 +152,27 @@ class TestList:
         ids, document = listed()
         assert ids == [path.name]
         assert document["damaged"] == []
+
+    def test_what_cannot_be_read_is_named_and_the_others_listed(self, orchid, tmp_path):
+        other, own = (make_run(tmp_path, name) for name in ("theirs", "own"))
+        other.chmod(0)
+        try:
+            with without_privileges():
+                listed = orchid("runs", "list", "--runs-dir", tmp_path, "--json")
+                shown = orchid("runs", "show", own.name[:-2], "--runs-dir", tmp_path)
+                refused = orchid("runs", "show", other, "--runs-dir", tmp_path)
+                unknown = orchid("runs", "show", other.name, "--runs-dir", tmp_path)
+        finally:
+            other.chmod(0o755)
+        document = json.loads(listed.out)
+        assert [run["id"] for run in document["runs"]] == [own.name]
+        assert [run["id"] for run in document["damaged"]] == [other.name]
+        assert "Permission denied" in document["damaged"][0]["reason"]
+        assert listed.code == 0
+        assert listed.err.startswith(f"note: left out, {other.name}: cannot read {other}")
+        assert shown.code == 0, shown.err
+        assert_is_an_error(refused, str(other), "Permission denied")
+        assert unknown.code == 2
 
     def test_damaged_runs_are_named_and_the_others_listed(self, orchid, listed, runs):
         good = make_run(runs, "good")

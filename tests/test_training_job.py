@@ -256,6 +256,26 @@ class TestJob:
         absolute = dataclasses.replace(job, runs_dir=tmp_path.resolve() / "runs")
         assert TrainingJob.read(Path(made.command[4])) == absolute
 
+    def test_its_order_holds_no_name_that_is_no_text(self, make, tmp_path):
+        folder = tmp_path / os.fsdecode(b"of-1998-\xe9")
+        try:
+            folder.mkdir()
+        except OSError:
+            pytest.skip("names here are text")
+        job = dataclasses.replace(make(), runs_dir=folder / "runs")
+        assert TrainingJob.read(Path(job.as_job(folder).command[-1])) == job
+
+    def test_its_process_imports_nothing_from_the_current_directory(self, make, tmp_path):
+        for name in ("statistics", "torch", "numpy", "json"):
+            (tmp_path / f"{name}.py").write_text("raise SystemExit('a namesake was imported')\n")
+        made = make().as_job(tmp_path)
+        Path(made.command[-1]).write_text("{}")
+        finished = subprocess.run(
+            made.command, cwd=tmp_path, capture_output=True, text=True, check=False
+        )
+        assert finished.stderr.startswith("error: "), finished.stderr
+        assert "lab-s0.json is no order of a training job" in finished.stderr
+
     def test_its_share_grows_with_its_episodes(self, make, tmp_path, monkeypatch):
         job, shares = make(), []
         share = job.as_job(tmp_path).share
