@@ -5,7 +5,6 @@ The cache is a convenience. Whatever is wrong with it, the functions are compile
 
 import hashlib
 import os
-import pickle
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, ClassVar
@@ -56,9 +55,8 @@ class _CheckedFile(IndexDataCacheFile):
     """
 
     def save(self, key: Any, data: Any) -> None:
-        """Write code with its key and checksum."""
-        content = self._dump(data)
-        super().save(key, (key, hashlib.sha256(content).digest(), content))
+        """Write code with its key."""
+        super().save(key, (key, data))
 
     def load(self, key: Any) -> Any:
         """The code of a key, None if there is none.
@@ -66,13 +64,19 @@ class _CheckedFile(IndexDataCacheFile):
         Raises:
             Exception: of any kind, for damaged files.
         """
-        found = super().load(key)
-        if found is None:
-            return None
-        its_key, checksum, content = found
-        if hashlib.sha256(content).digest() != checksum:
+        its_key, data = super().load(key) or (None, None)
+        return data if its_key == key else None
+
+    def _dump(self, obj: Any) -> bytes:
+        content: bytes = super()._dump(obj)
+        return content + hashlib.sha256(content).digest()  # readers of pickles stop before it
+
+    def _load_data(self, name: str) -> Any:
+        content = Path(self._data_path(name)).read_bytes()
+        size = len(content) - hashlib.sha256().digest_size
+        if size < 0 or hashlib.sha256(content[:size]).digest() != content[size:]:
             raise ValueError("a checksum does not fit")
-        return pickle.loads(content) if its_key == key else None
+        return super()._load_data(name)
 
 
 class _Places(CompileResultCacheImpl):

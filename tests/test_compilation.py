@@ -113,7 +113,7 @@ class TestDamagedCache:
             lambda content: b"",
             lambda content: content[:1],
             lambda content: content[: len(content) // 2],
-            lambda content: content[:-1],
+            lambda content: content[:-40],
             lambda content: b"no pickle at all\n",
             lambda content: bytes(len(content)),
         ],

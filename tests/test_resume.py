@@ -1,6 +1,6 @@
 """Exact resume: a run that was stopped, killed or damaged becomes the run it would have been.
 
-Bits are compared with those of an undisturbed run on the same machine: others have other late digits.
+Bits are compared with an undisturbed run's on the same machine: others have other late digits.
 """
 
 import json
