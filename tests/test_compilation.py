@@ -150,7 +150,7 @@ class TestDamagedCache:
         double((3,))  # integers
         [code] = cache.glob("*.nbc")
         code.write_bytes(of_floats)
-        assert double((3,)) == (0, [f"{COMPILING}once on this machine"])
+        assert double((3,))[0] == 0
         assert double((3,)) == (1, [])
 
     def test_that_cannot_be_read(self, double, cache):
