@@ -1,5 +1,6 @@
 """Common to all tests."""
 
+import signal
 import subprocess
 import sys
 
@@ -16,6 +17,16 @@ from tests.running import Finished, fingerprint
 def _one_thread_per_process() -> None:
     """pytest-xdist runs a process per core; more torch threads than that slow all of them down."""
     torch.set_num_threads(1)
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _signals_as_in_a_terminal() -> None:
+    """Under nohup, or behind a script's "&", some are ignored, and then runs ignore them too."""
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)
+        if number is not None and signal.getsignal(number) is signal.SIG_IGN:
+            is_interrupt = number == signal.SIGINT
+            signal.signal(number, signal.default_int_handler if is_interrupt else signal.SIG_DFL)
 
 
 @pytest.fixture(scope="session")
