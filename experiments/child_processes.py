@@ -10,7 +10,6 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from types import FrameType
 
 JOB_ENVIRONMENT = {
     "ORCHID_JOB": "1",
@@ -35,43 +34,18 @@ def usable_cores() -> int:
     return os.cpu_count() or 1
 
 
-@dataclass
-class StopRequests:
-    """What signals have asked for."""
-
-    is_asked: bool = False
-    is_urgent: bool = False
-
-
 @contextmanager
-def stop_requests() -> Iterator[StopRequests]:
-    """Note signals as ``interruption_requests`` does, but raise nothing, at the second one either.
-
-    An exception that came between the birth of a process and the note of it, or in the middle of
-    killing all, would leave one running.
-    """
-    stop = StopRequests()
-    urgent = (signal.SIGINT, signal.SIGTERM)
-
-    def note(signal_number: int, frame: FrameType | None) -> None:
-        # A closing terminal sends SIGHUP twice, by the shell and by the kernel: no hurry in that.
-        stop.is_urgent |= stop.is_asked and signal_number in urgent
-        stop.is_asked = True
-
-    if threading.current_thread() is not threading.main_thread():
-        yield stop
+def readable_exit_codes() -> Iterator[None]:
+    """Where SIGCHLD is ignored, every exit code reads as 0: do not ignore it."""
+    is_settable = threading.current_thread() is threading.main_thread()
+    if not is_settable or not hasattr(signal, "SIGCHLD"):
+        yield
         return
-    caught = [*urgent, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else [])]
-    # What the caller ignores (nohup, a shell's background job) stays ignored.
-    heeded = [number for number in caught if signal.getsignal(number) is not signal.SIG_IGN]
-    previous = {number: signal.signal(number, note) for number in heeded}
-    if hasattr(signal, "SIGCHLD"):  # where it is ignored, every exit code reads as 0
-        previous[signal.SIGCHLD] = signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+    before = signal.signal(signal.SIGCHLD, signal.SIG_DFL)
     try:
-        yield stop
+        yield
     finally:
-        for number, handler in previous.items():
-            signal.signal(number, handler)
+        signal.signal(signal.SIGCHLD, before)
 
 
 @dataclass
@@ -110,7 +84,7 @@ class Child:
         return cls(process, log, log_start, began_s)
 
     def stop(self) -> None:
-        """Ask it to save what it has: once, since a second time may mean at once."""
+        """Ask it to save what it has."""
         if not self.is_asked_to_stop:
             self.is_asked_to_stop = True
             self.process.terminate()

@@ -1,12 +1,8 @@
 """Every method over the same held-out topologies."""
 
 import itertools
-import signal
-import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
-from types import FrameType
 from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
@@ -267,28 +263,17 @@ def _fly_batch(
     return {name: np.array([episode[name] for episode in episodes]) for name in EPISODE_FIGURES}
 
 
-@contextmanager
-def interruptible() -> Iterator[None]:
-    """Let SIGTERM and SIGHUP, like ctrl-C, raise KeyboardInterrupt."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
+def summarise_flights(
+    plan: Plan, flown: Mapping[tuple[Any, ...], Figures], with_intervals: bool = True
+) -> list[dict[str, Any]]:
+    """The "results" of ``summary.json``: one for every flight that was flown.
 
-    def interrupt(signal_number: int, frame: FrameType | None) -> None:
-        raise KeyboardInterrupt
-
-    numbers = [signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else [])]
-    heeded = [number for number in numbers if signal.getsignal(number) is not signal.SIG_IGN]
-    previous = {number: signal.signal(number, interrupt) for number in heeded}
-    try:
-        yield
-    finally:
-        for number, handler in previous.items():
-            signal.signal(number, handler)
-
-
-def summarise_flights(plan: Plan, flown: Mapping[tuple[Any, ...], Figures]) -> list[dict[str, Any]]:
-    """The "results" of ``summary.json``: one for every flight that was flown."""
+    Args:
+        plan: what was to be flown.
+        flown: figures by flight.
+        with_intervals: whether to compute confidence intervals, which take most of the time, and
+            the headroom, which is told from nothing by one.
+    """
     results = []
     for flight in plan.flights():
         if flight.key not in flown:
@@ -297,8 +282,8 @@ def summarise_flights(plan: Plan, flown: Mapping[tuple[Any, ...], Figures]) -> l
         results.append(
             describe(flight)
             | {"episodes": plan.episodes, "comparable": flight.entry.is_comparable}
-            | {name: summarise(figures[name]) for name in EPISODE_FIGURES}
-            | {HEADROOM: _headroom(flight, figures, flown)}
+            | {name: summarise(figures[name], with_intervals) for name in EPISODE_FIGURES}
+            | {HEADROOM: _headroom(flight, figures, flown if with_intervals else {})}
         )
     return results
 

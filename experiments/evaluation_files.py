@@ -24,10 +24,10 @@ from orchid_uav.experiments.evaluation import (
     Progress,
     describe,
     evaluate,
-    interruptible,
     summarise_flights,
 )
 from orchid_uav.experiments.files import write_atomically, write_json
+from orchid_uav.experiments.interruption import Raising, interruption_requests
 from orchid_uav.experiments.metrics import EPISODE_FIGURES
 from orchid_uav.experiments.provenance import describe_host, describe_versions
 from orchid_uav.experiments.statistics import INTERVAL
@@ -35,6 +35,7 @@ from orchid_uav.experiments.statistics import INTERVAL
 SCHEMA = 1
 _LARGEST_SUMMARY = 64 * 2**20
 DEFAULT_PARENT = Path("orchid-eval")
+_STOPPING = b"stopping; what was flown is kept\n"
 EPISODES_FILE, SUMMARY_FILE, FIGURES_FOLDER = "episodes.parquet", "summary.json", "figures"
 
 
@@ -176,7 +177,7 @@ def summary_document(
 ) -> dict[str, Any]:
     """The content of ``summary.json``, which is also what ``orchid eval --json`` prints."""
     header = header_of(settings, command, "completed" if is_complete else "interrupted")
-    return header | {"results": summarise_flights(plan, flown)}
+    return header | {"results": summarise_flights(plan, flown, with_intervals=is_complete)}
 
 
 def header_of(settings: Mapping[str, Any], command: list[str], status: str) -> dict[str, Any]:
@@ -205,6 +206,8 @@ def run_evaluation(
 ) -> dict[str, Any]:
     """Fly a plan and fill the directory; the summary's status says whether all of it was flown.
 
+    Interrupted, it draws nothing and computes no intervals, which would take longer than a moment.
+
     Args:
         plan: what to fly.
         settings: of :func:`describe_plan`.
@@ -218,17 +221,17 @@ def run_evaluation(
         RunFailedError: the directory cannot be written.
     """
     document = summary_document(plan, {}, settings, command, is_complete=False)
-    with interruptible():
+    with interruption_requests(Raising.AT_ONCE, _STOPPING) as interruption:
+
+        def save(done: Flown) -> None:
+            with interruption.held_back():
+                save_flights(directory, plan, done, settings, command)
+
         try:
-            flown, is_complete = evaluate(
-                plan,
-                progress,
-                flown,
-                lambda done: save_flights(directory, plan, done, settings, command),
-            )
+            flown, is_complete = evaluate(plan, progress, flown, save)
             if flown:
                 document = summary_document(plan, flown, settings, command, is_complete)
-                write_evaluation(directory, document, with_figures)
+                write_evaluation(directory, document, with_figures and is_complete)
         except KeyboardInterrupt:
             document["status"] = "interrupted"
         finally:

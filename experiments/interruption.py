@@ -1,50 +1,132 @@
-"""Ctrl-C and SIGTERM as a request, so that what is done is kept."""
+"""Signals that ask to stop, as requests, so that what is done is kept."""
 
 import os
 import signal
 import threading
+import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from enum import Enum
 from types import FrameType
+
+_NAMES = ("SIGINT", "SIGTERM", "SIGHUP", "SIGUSR1", "SIGXCPU")
+"""Ctrl-C; who wants it gone; a terminal that closes; what batch systems send before their limit
+(Slurm's ``--signal=USR1``); the kernel, at a limit of processor time. Systems lack some."""
+_OF_OTHERS = ("SIGUSR1", "SIGXCPU")
+"""Heeded only where nobody else does: programs that start jobs of their own listen to these."""
+_SECONDS_OF_ONE_REQUEST = 1.0
+"""Shells, kernels and batch systems tell one thing several times, and a hasty hand too."""
+
+AFTER_UPDATE = b"stopping after the update that follows; ctrl-C once more stops at once\n"
+"""What a training run says."""
+
+
+class Raising(Enum):
+    """When signals raise KeyboardInterrupt."""
+
+    AT_ONCE = "at the first one"
+    IF_URGENT = "at a second ctrl-C"
+    NEVER = "never"
 
 
 class Interruption:
-    """Whether a stop was asked for."""
+    """What signals have asked for.
+
+    Only a ctrl-C more than a second after the first signal is urgent: that is a person. All else
+    repeats the first request, however often and by whomever it is sent.
+    """
 
     def __init__(self) -> None:
         self.requested = False
+        self.is_urgent = False
+        self._first_s = 0.0
+        self._raising = Raising.NEVER
+        self._message = b""
+        self._holders = 0
+        self._is_due = False
+
+    @contextmanager
+    def held_back(self) -> Iterator[None]:
+        """Raise nothing in the middle of this, such as the writing of files, but behind it."""
+        self._holders += 1
+        try:
+            yield
+        finally:
+            self._holders -= 1
+        if self._is_due and not self._holders:
+            self._is_due = False
+            raise KeyboardInterrupt
+
+    def _note(self, signal_number: int, frame: FrameType | None) -> None:
+        now_s = time.monotonic()
+        is_first = not self.requested
+        if is_first:
+            self.requested, self._first_s = True, now_s
+            self._tell()
+        elif signal_number == signal.SIGINT and now_s - self._first_s > _SECONDS_OF_ONE_REQUEST:
+            self.is_urgent = True
+        if (self._raising is Raising.AT_ONCE and is_first) or (
+            self._raising is not Raising.NEVER and self.is_urgent
+        ):
+            if not self._holders:
+                raise KeyboardInterrupt
+            self._is_due = True
+
+    def _tell(self) -> None:
+        # Not print: the signal may have come in the middle of one. The terminal may be gone.
+        with suppress(OSError):
+            os.write(2, self._message)
 
 
-_AFTER_UPDATE = b"stopping after the update that follows; once more stops at once\n"
+_contexts: list[Interruption] = []
+"""Of this process, which has one set of signals: the same one for every context, or none."""
 
 
 @contextmanager
-def interruption_requests(message: bytes = _AFTER_UPDATE) -> Iterator[Interruption]:
-    """Note SIGINT, SIGTERM and SIGHUP instead of dying of them; a second one acts at once.
+def interruption_requests(
+    raising: Raising = Raising.IF_URGENT, message: bytes = AFTER_UPDATE
+) -> Iterator[Interruption]:
+    """Note signals instead of dying of them.
 
-    The first one has ``message`` written to stderr. Outside the main thread, where Python delivers
-    no signals, nothing is changed.
+    What the caller ignores (nohup, a shell's background job) stays ignored. Inside another of these
+    contexts it is the same interruption, with another way to be told of it. Outside the main
+    thread, where Python delivers no signals, nothing is changed.
+
+    Args:
+        raising: when KeyboardInterrupt is raised.
+        message: written to stderr at the first signal.
     """
-    interruption = Interruption()
-
-    def note(signal_number: int, frame: FrameType | None) -> None:
-        if interruption.requested:
-            raise KeyboardInterrupt
-        interruption.requested = True
-        # Not print: the signal may have come in the middle of one.
-        os.write(2, message)
-
     if threading.current_thread() is not threading.main_thread():
-        yield interruption
+        yield Interruption()
         return
-    caught = [signal.SIGINT, signal.SIGTERM]
-    if hasattr(signal, "SIGHUP"):  # the terminal is closed
-        caught.append(signal.SIGHUP)
-    # What the caller ignores (nohup, a shell's background job) stays ignored.
-    heeded = [number for number in caught if signal.getsignal(number) is not signal.SIG_IGN]
-    previous = {number: signal.signal(number, note) for number in heeded}
+    is_outermost = not _contexts
+    interruption = Interruption() if is_outermost else _contexts[-1]
+    _contexts.append(interruption)
+    before = interruption._raising, interruption._message
+    interruption._raising, interruption._message = raising, message
+    previous = {}
     try:
+        for number in _heeded() if is_outermost else ():
+            previous[number] = signal.signal(number, interruption._note)
         yield interruption
     finally:
+        interruption._raising, interruption._message = before
         for number, handler in previous.items():
             signal.signal(number, handler)
+        _contexts.pop()
+
+
+def ignore_signals() -> None:
+    """From now on: all is written, and the process ends by what it has reached."""
+    for number in _heeded():
+        signal.signal(number, signal.SIG_IGN)
+
+
+def _heeded() -> Iterator[signal.Signals]:
+    for name in _NAMES:
+        if hasattr(signal, name):
+            number = signal.Signals[name]
+            handler = signal.getsignal(number)
+            is_free = handler is signal.SIG_DFL if name in _OF_OTHERS else handler is not None
+            if is_free and handler is not signal.SIG_IGN:
+                yield number

@@ -11,13 +11,13 @@ from typing import Literal, NamedTuple, Protocol
 
 from orchid_uav.experiments.child_processes import (
     Child,
-    StopRequests,
     describe_end,
+    readable_exit_codes,
     shortened,
-    stop_requests,
     usable_cores,
 )
 from orchid_uav.experiments.errors import InputError
+from orchid_uav.experiments.interruption import Interruption, Raising, interruption_requests
 
 INTERRUPTED_CODE = 130
 """Exit code of a job that was asked to stop and has saved what it had."""
@@ -190,10 +190,12 @@ class Workload:
 class LocalProcesses:
     """Runs jobs on this machine, a process each.
 
-    A job that is killed by a signal is run once more. The first SIGINT, SIGTERM or SIGHUP asks all
-    jobs to stop (SIGTERM) and waits for them, a second one kills them; outside the main thread
-    signals are left alone. No process is left running, whatever happens. Where this process is
-    killed itself, the end of their standard input tells the jobs.
+    A job that is killed by a signal is run once more. Signals are requests, as for a training run:
+    the first asks all jobs to stop (SIGTERM) and waits for them, an urgent one kills them; outside
+    the main thread they are left alone. None raises anything here: an exception that came between
+    the birth of a process and the note of it, or in the middle of killing all, would leave one
+    running. No process is left running, whatever happens. Where this process is killed itself, the
+    end of their standard input tells the jobs.
 
     Args:
         processes: how many at once; never more than the cores that this process may use.
@@ -215,12 +217,12 @@ class LocalProcesses:
                 f"{self.processes} at once instead of {processes}: "
                 f"this process may use {cores} core{'s' if cores > 1 else ''}"
             )
-        self._stop = StopRequests()
+        self._stop = Interruption()
 
     @property
     def was_stopped(self) -> bool:
         """Whether a stop was asked for while the last jobs were running, even by the very end."""
-        return self._stop.is_asked
+        return self._stop.requested
 
     def run(self, jobs: Sequence[Job], progress: JobProgress) -> list[JobEnd]:
         """Run jobs, begun in their order; how they ended.
@@ -230,7 +232,7 @@ class LocalProcesses:
         """
         if len({job.name for job in jobs}) < len(jobs):
             raise ValueError("two jobs have the same name")
-        with stop_requests() as self._stop:
+        with interruption_requests(Raising.NEVER, b"") as self._stop, readable_exit_codes():
             return _LocalRun(jobs, self.processes, progress, self._stop).run()
 
 
@@ -241,7 +243,7 @@ class _LocalRun:
     jobs: Sequence[Job]
     processes: int
     progress: JobProgress
-    stop: StopRequests
+    stop: Interruption
 
     def __post_init__(self) -> None:
         count = len(self.jobs)
@@ -274,7 +276,7 @@ class _LocalRun:
         return [self._ends[index] for index in range(len(self.jobs))]
 
     def _heed_stop_requests(self) -> None:
-        if not self.stop.is_asked:
+        if not self.stop.requested:
             return
         for child in self._children.values():
             child.stop()
@@ -290,7 +292,7 @@ class _LocalRun:
 
     def _may_start(self) -> bool:
         is_one_free = len(self._children) < self.processes
-        return bool(self._waiting) and is_one_free and not self.stop.is_asked
+        return bool(self._waiting) and is_one_free and not self.stop.requested
 
     def _start(self, index: int) -> None:
         job = self.jobs[index]
@@ -314,7 +316,7 @@ class _LocalRun:
         was_killed = code < 0
         if code == 0:
             self._end(index, "completed", None)
-        elif self.stop.is_asked and (was_killed or code == INTERRUPTED_CODE):
+        elif self.stop.requested and (was_killed or code == INTERRUPTED_CODE):
             self._end(index, "interrupted", error if was_killed else None)
         elif was_killed and self._tries[index] < _TRIES:
             self._waiting.appendleft(index)

@@ -17,17 +17,21 @@ CONFIDENCE = 0.95
 INTERVAL = f"BCa bootstrap, {RESAMPLES} resamples, {CONFIDENCE:.0%}"
 
 
-def summarise(values: Floats) -> dict[str, Any]:
+def summarise(values: Floats, with_interval: bool = True) -> dict[str, Any]:
     """Mean, standard deviation (ddof = 1) and interval of the mean: {"mean", "std", "ci95"}.
 
-    None for what so few values cannot give, or where a value is not a number.
+    None for what so few values cannot give, or is not wanted, or where a value is not a number.
     """
     if not len(values) or not np.isfinite(values).all():
         return {"mean": None, "std": None, "ci95": None}
     return {
         "mean": float(np.mean(values)),
         "std": float(np.std(values, ddof=1)) if len(values) > 1 else None,
-        "ci95": interval((values,), lambda sample, axis: np.mean(sample, axis=axis)),
+        "ci95": (
+            interval((values,), lambda sample, axis: np.mean(sample, axis=axis))
+            if with_interval
+            else None
+        ),
     }
 
 

@@ -19,7 +19,9 @@ from orchid_uav.envs.notices import show_on_stderr
 from orchid_uav.experiments.configuration import RunConfig
 from orchid_uav.experiments.errors import InputError, RunFailedError
 from orchid_uav.experiments.files import write_json
+from orchid_uav.experiments.interruption import ignore_signals, interruption_requests
 from orchid_uav.experiments.jobs import INTERRUPTED_CODE, Job
+from orchid_uav.experiments.output import lasting_output
 from orchid_uav.experiments.run_records import (
     EPISODES_FILE,
     SeenStatus,
@@ -155,7 +157,6 @@ def run_one(job: TrainingJob) -> int:
         RunFailedError: it failed.
     """
     # Imported here because the process that starts jobs needs neither torch nor SB3.
-    from orchid_uav.experiments.interruption import interruption_requests
     from orchid_uav.experiments.run_directory import RunDirectory
     from orchid_uav.experiments.trackers import open_tracker
     from orchid_uav.experiments.training import train
@@ -189,16 +190,17 @@ def main() -> int:
     show_on_stderr()
     if "ORCHID_JOB" in os.environ:
         _stop_with_parent()
-    try:
-        code = run_one(TrainingJob.read(Path(sys.argv[1])))
-        signal.signal(signal.SIGTERM, signal.SIG_IGN)  # all is written: end by what was reached
-        return code
-    except (InputError, RunFailedError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        return INTERRUPTED_CODE
+    with lasting_output(), interruption_requests():
+        try:
+            return run_one(TrainingJob.read(Path(sys.argv[1])))
+        except (InputError, RunFailedError) as error:
+            print(f"error: {error}", file=sys.stderr)
+            return 1
+        except KeyboardInterrupt:
+            return INTERRUPTED_CODE
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    code = main()
+    ignore_signals()
+    sys.exit(code)

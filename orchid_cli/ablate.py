@@ -231,19 +231,17 @@ def _run(
     from orchid_uav.cli.evaluation_display import evaluation_progress
     from orchid_uav.cli.jobs_display import job_progress
     from orchid_uav.experiments.ablation import differing_worlds
-    from orchid_uav.experiments.evaluation import interruptible
 
     for name, keys in differing_worlds(study.ablation).items():
         print_note(f"{name} is flown in its own world, which differs in {', '.join(keys)}")
     document = None
     try:
-        with interruptible():
-            waiting = study.waiting()
-            if not quiet:
-                _announce(study, len(waiting), shown, again)
-            costs = _costs(study, waiting, executor.processes, shown, quiet) if waiting else {}
-            if study.train(executor, job_progress(shown, quiet), costs) != "interrupted":
-                document = study.evaluate(evaluation_progress(shown, quiet))
+        waiting = study.waiting()
+        if not quiet:
+            _announce(study, len(waiting), shown, again)
+        costs = _costs(study, waiting, executor.processes, shown, quiet) if waiting else {}
+        if study.train(executor, job_progress(shown, quiet), costs) != "interrupted":
+            document = study.evaluate(evaluation_progress(shown, quiet))
     except KeyboardInterrupt:
         document = None
     if document is None:

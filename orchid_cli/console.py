@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from orchid_uav.experiments.errors import InputError, RunFailedError
+from orchid_uav.experiments.interruption import Raising, interruption_requests
 
 FAILED, WRONG_INPUT, INTERRUPTED = 1, 2, 130
 """Exit codes besides 0."""
@@ -91,9 +92,10 @@ def stdout_for_json_alone(as_json: bool) -> Iterator[None]:
 
 @contextmanager
 def failing_well(debug: bool) -> Iterator[None]:
-    """Turn errors into one or two lines on stderr and an exit code."""
+    """Turn errors and signals into one or two lines on stderr and an exit code."""
     try:
-        yield
+        with interruption_requests(Raising.AT_ONCE, b""):
+            yield
     except (InputError, RunFailedError) as error:
         if debug:
             traceback.print_exc()

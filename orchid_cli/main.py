@@ -1,7 +1,5 @@
 """The ``orchid`` command."""
 
-import contextlib
-import io
 import os
 import sys
 from typing import Annotated
@@ -15,6 +13,7 @@ from orchid_uav.cli.console import FAILED, INTERRUPTED, WRONG_INPUT, print_error
 from orchid_uav.cli.eval import evaluate
 from orchid_uav.cli.train import train
 from orchid_uav.envs.notices import show_on_stderr
+from orchid_uav.experiments.output import lasting_output
 
 app = typer.Typer(
     help="ORCHID: fairness-aware orchestration of UAV base stations.",
@@ -55,25 +54,28 @@ def _orchid(
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command and return its exit code."""
-    given = sys.argv[1:] if arguments is None else arguments
+    with lasting_output() as output:
+        show_on_stderr()
+        os.environ["MPLBACKEND"] = "Agg"  # one inherited from a notebook may not be there
+        code = _run(sys.argv[1:] if arguments is None else arguments)
+        loss = output.loss()
+        if loss is not None:
+            print_error(f"cannot write the output: {loss.strerror or loss}")
+        return FAILED if loss is not None and code == 0 else code
+
+
+def _run(given: list[str]) -> int:
     recorded = [os.fsencode(argument).decode(errors="replace") for argument in given]
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="replace")  # "³" where only ASCII is known
-    show_on_stderr()
-    os.environ["MPLBACKEND"] = "Agg"  # one inherited from a notebook may not be there
     try:
         code = app(args=given, prog_name="orchid", standalone_mode=False, obj=recorded) or 0
-        sys.stdout.flush()
     except _UsageError as error:
         print_error(_describe(error, given))
         return WRONG_INPUT
     except (KeyboardInterrupt, typer.Abort):
         print("interrupted", file=sys.stderr)
         return INTERRUPTED
-    except OSError as error:  # of the output: commands turn their own into other errors
-        print_error(f"cannot write the output: {error.strerror or error}")
-        _drop_output()
+    except OSError as error:  # commands turn those of their files into other errors
+        print_error(str(error))
         return FAILED
     return int(code)
 
@@ -89,10 +91,3 @@ def _describe(error: Exception, given: list[str]) -> str:
             if value and value not in message:
                 return f"{message} ({name} is {value!r})"
     return message
-
-
-def _drop_output() -> None:
-    """Have what is left in stdout's buffer go nowhere, lest Python complain of it at exit."""
-    with contextlib.suppress(OSError, ValueError):
-        nowhere = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(nowhere, sys.stdout.fileno())

@@ -253,6 +253,20 @@ def tell_of_file_steps(patch: pytest.MonkeyPatch, tell: Callable[[str], None]) -
     patch.setattr(os, "fdopen", descriptor_opened)
 
 
+@contextmanager
+def signals_by_default() -> Iterator[None]:
+    """Signals that ask to stop do so, though the tests run under nohup or as a shell's job."""
+    names = ("SIGINT", "SIGTERM", "SIGHUP", "SIGUSR1", "SIGXCPU")
+    numbers = [signal.Signals[name] for name in names if hasattr(signal, name)]
+    before = {number: signal.signal(number, signal.SIG_DFL) for number in numbers}
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
 def forked(task: Callable[[], object]) -> int:
     """The number of a process that does the task and ends, with exit code 0 if it succeeded."""
     with warnings.catch_warnings():

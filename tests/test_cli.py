@@ -3,6 +3,7 @@
 import errno
 import importlib.metadata
 import io
+import itertools
 import json
 import os
 import re
@@ -12,13 +13,14 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from orchid_uav.agents import MAPPO, load_policy
 from orchid_uav.cli import display
 from orchid_uav.envs.extras import install_command
-from orchid_uav.experiments import trackers
+from orchid_uav.experiments import interruption, trackers
 from tests.running import (
     COLUMNS,
     ESCAPE,
@@ -557,8 +559,12 @@ class TestInterruption:
         assert json.loads(out)["episodes"] == record["episodes"] >= 3
         assert load_policy(run).description["episodes"] == record["episodes"]
 
-    def test_twice_ends_at_once_with_130_and_no_traceback(self, train, new_runs, monkeypatch):
-        show = display.SilentReporter.show
+    @pytest.mark.parametrize(("seconds", "is_urgent"), [(0.0, False), (1.1, True)])
+    def test_twice_within_a_second_is_once_and_later_ends_at_once(
+        self, train, new_runs, monkeypatch, seconds, is_urgent
+    ):
+        show, moments = display.SilentReporter.show, itertools.count(1000.0, seconds)
+        monkeypatch.setattr(interruption, "time", SimpleNamespace(monotonic=moments.__next__))
 
         def interrupt_twice(self, rows, reset_episodes):
             show(self, rows, reset_episodes)
@@ -570,8 +576,10 @@ class TestInterruption:
         assert finished.code == 130
         assert "Traceback" not in finished.err
         [run] = new_runs()
+        assert f"this goes on: orchid train --resume {run}" in finished.err
         assert record_of(run)["status"] == "interrupted"
         assert len(cells(run)) == 2
+        assert (run / "checkpoints" / "1").exists() is not is_urgent
 
     def test_before_training_begins_is_told_by_the_record(self, train, new_runs, monkeypatch):
         open_tracker = trackers.open_tracker

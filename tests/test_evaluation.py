@@ -8,6 +8,7 @@ import shutil
 import signal
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -16,16 +17,26 @@ import pytest
 from orchid_uav.agents import load_policy
 from orchid_uav.agents.heuristics import Hover, Loiter
 from orchid_uav.agents.learned import Learned
+from orchid_uav.cli.console import print_line
 from orchid_uav.cli.evaluation_display import LineProgress
+from orchid_uav.cli.main import main
 from orchid_uav.envs import EPISODE_METRICS, Parameters, WorldBatch, evaluation_seeds, notices
-from orchid_uav.experiments import evaluation, evaluation_files
+from orchid_uav.experiments import evaluation, evaluation_files, interruption, statistics
 from orchid_uav.experiments import figures as drawing
 from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.evaluation import Plan, Setting, evaluate, summarise_flights
 from orchid_uav.experiments.methods import known_methods, read_run, rules, select
 from orchid_uav.experiments.metrics import EPISODE_FIGURES, HEADROOM, METRICS
 from orchid_uav.experiments.run_records import find_run
-from tests.running import ESCAPE, TINY_FLAGS, assert_is_an_error, reseal
+from tests.running import (
+    ESCAPE,
+    TINY_FLAGS,
+    assert_is_an_error,
+    forked,
+    reseal,
+    signals_by_default,
+    tell_of_file_steps,
+)
 
 TINY_EVAL = [
     *("eval", "--uavs=2", "--users=20", "--set=network.episode_slots=10", "--episodes=4"),
@@ -43,8 +54,6 @@ CONTRACT = {
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory):
     """A tiny run that nothing may change."""
-    from orchid_uav.cli.main import main
-
     directory = tmp_path_factory.mktemp("trained")
     arguments = [*TINY_FLAGS, "--episodes=2", "--no-rf", "--quiet", "--name=mine"]
     assert main(["train", *arguments, "--runs-dir", str(directory)]) == 0
@@ -458,9 +467,9 @@ def test_ambiguous_and_unknown_runs(trained, tmp_path):
 # Interruption
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("numbers", [[signal.SIGINT], [signal.SIGTERM, signal.SIGTERM]])
 def test_an_interrupted_evaluation_goes_on_to_the_same_result(
-    evaluate_tiny, tmp_path, monkeypatch, number
+    evaluate_tiny, tmp_path, monkeypatch, numbers
 ):
     methods = "--methods=static-pf,static-mmf,loiter-mmf"
     assert evaluate_tiny(methods, "--uavs=2,3", "--out=whole", "--no-figures").code == 0
@@ -469,21 +478,32 @@ def test_an_interrupted_evaluation_goes_on_to_the_same_result(
     def interrupted(*arguments):
         calls.append(arguments[0].key)
         if len(calls) == 5:
-            os.kill(os.getpid(), number)
+            for number in numbers:
+                signal.raise_signal(number)
         return original(*arguments)
 
-    monkeypatch.setattr(evaluation, "_fly_batch", interrupted)
-    arguments = (methods, "--uavs=2,3", "--out=parts", "--no-figures")
-    stopped = evaluate_tiny(*arguments)
+    def too_long(*arguments, **options):
+        raise AssertionError("who wants to stop does not wait for it")
+
+    arguments, told = (methods, "--uavs=2,3", "--out=parts"), []
+    with monkeypatch.context() as patch:
+        patch.setattr(interruption, "os", SimpleNamespace(write=lambda *given: told.append(given)))
+        patch.setattr(evaluation, "_fly_batch", interrupted)
+        patch.setattr(statistics, "bootstrap", too_long)
+        patch.setattr(drawing, "draw_figures", too_long)
+        stopped = evaluate_tiny(*arguments)
     assert stopped.code == 130
+    assert told == [(2, b"stopping; what was flown is kept\n")]
     assert "this goes on: orchid eval" in stopped.err
     parts = tmp_path / "work/parts"
     partial = json.loads((parts / "summary.json").read_text())
     assert partial["status"] == "interrupted"
     assert len(partial["results"]) == 4
+    for result in partial["results"]:
+        assert result["utility"]["mean"] > 0.0
+        assert result["utility"]["ci95"] is None
     assert_is_an_error(evaluate_tiny(methods, "--uavs=2,4", "--out=parts"), "other settings: uavs")
-    monkeypatch.setattr(evaluation, "_fly_batch", original)
-    finished = evaluate_tiny(*arguments)
+    finished = evaluate_tiny(*arguments, "--no-figures")
     assert finished.code == 0
     assert "4 batches of them flown before" in finished.out
     for name in ("results", "settings", "status"):
@@ -521,20 +541,65 @@ def test_what_was_flown_is_kept_whatever_happens_afterwards(
     assert "2 batches of them flown before" in finished.out
 
 
-def test_flights_are_kept_when_the_output_breaks(evaluate_tiny, tmp_path, monkeypatch):
-    calls = []
+@pytest.mark.parametrize("numbers", [[signal.SIGINT], [signal.SIGTERM, signal.SIGTERM]])
+@pytest.mark.parametrize("step", ["write", "replace", "fsync"])
+def test_an_interruption_lets_files_be_written_first(
+    evaluate_tiny, tmp_path, monkeypatch, numbers, step
+):
+    left = [True]
 
-    def breaking(self, flight):
-        calls.append(flight)
-        if len(calls) == 3:
-            raise BrokenPipeError
+    def interrupt(name):
+        if name == step and left:
+            left.clear()
+            for number in numbers:
+                signal.raise_signal(number)
 
-    monkeypatch.setattr(LineProgress, "start", breaking)
+    write = evaluation_files._write_table
+
+    def write_interrupted(*arguments):
+        with monkeypatch.context() as patch:
+            tell_of_file_steps(patch, interrupt)
+            write(*arguments)
+
     arguments = ("--methods=static-pf,loiter-mmf", "--uavs=2,3", "--out=out", "--no-figures")
-    assert evaluate_tiny(*arguments).code == 1
-    monkeypatch.undo()
-    monkeypatch.chdir(tmp_path / "work")
+    with monkeypatch.context() as patch:
+        patch.setattr(evaluation_files, "_write_table", write_interrupted)
+        assert evaluate_tiny(*arguments).code == 130
+    assert len(pq.read_table(tmp_path / "work/out/episodes.parquet")) == 2 * 4
+    assert {path.name for path in (tmp_path / "work/out").iterdir()} == {
+        *("summary.json", "episodes.parquet")
+    }
     assert "2 batches of them flown before" in evaluate_tiny(*arguments).out
+
+
+@pytest.mark.skipif(os.name != "posix", reason="fork is POSIX")
+@pytest.mark.parametrize("number", [None, signal.SIGHUP])
+def test_flights_are_kept_when_the_output_breaks(evaluate_tiny, tmp_path, monkeypatch, number):
+    start, calls = LineProgress.start, []
+
+    def broken(self, flight):
+        print_line(self._out, "here")
+        calls.append(flight)
+        if len(calls) == 3 and number:
+            signal.raise_signal(number)
+        start(self, flight)
+
+    def fly() -> None:
+        read, write = os.pipe()
+        os.close(read)
+        os.dup2(write, 1)
+        os.dup2(write, 2)
+        sys.stdout, sys.stderr = os.fdopen(1, "w"), os.fdopen(2, "w")
+        LineProgress.start = broken
+        with signals_by_default():
+            os._exit(main([*TINY_EVAL, *arguments]))
+
+    arguments = ("--methods=static-pf,loiter-mmf", "--uavs=2,3", "--out=out", "--no-figures")
+    _, status = os.waitpid(forked(fly), 0)
+    assert os.waitstatus_to_exitcode(status) == (130 if number else 1)
+    summary = json.loads((tmp_path / "work/out/summary.json").read_text())
+    assert summary["status"] == ("interrupted" if number else "completed")
+    assert len(summary["results"]) == (2 if number else 4)
 
 
 def test_settings_that_are_not_listed_come_from_the_file(evaluate_tiny, tmp_path):

@@ -1,17 +1,19 @@
-"""Full disks, read-only directories, clocks set back, numbers that are none: what is left, and that
-the run can go on."""
+"""Full disks, read-only directories, clocks set back, numbers that are none, output that nobody can
+write to: what is left, and that the run can go on."""
 
 import errno
 import json
 import os
 import re
 import shutil
+import signal
 import stat
 import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from types import SimpleNamespace
@@ -35,8 +37,10 @@ from tests.running import (
     columns,
     file_size_limit,
     fingerprint,
+    forked,
     learned_files,
     record_of,
+    signals_by_default,
     without_privileges,
 )
 
@@ -623,3 +627,160 @@ class TestNoNumbers:
         assert orchid(*TRAIN, *flags, "--runs-dir", runs_dir).code == 1
         [run] = new_runs()
         assert len(checkpoints_of(run)) > 1
+
+
+@pytest.mark.skipif(os.name != "posix", reason="fork and terminals are POSIX")
+class TestOutput:
+    """The command as a process whose standard output and error lead somewhere else."""
+
+    @pytest.fixture
+    def start(self, plain_environment, runs_dir):
+        """Calls start ``orchid train`` on descriptors; they give the number of the process."""
+        started = []
+
+        def start(*flags: str, out: int, err: int, before: Callable[[], object] = bool) -> int:
+            def run() -> None:
+                before()
+                for number, lead in ((0, out), (1, out), (2, err)):
+                    os.dup2(lead, number)
+                sys.stdout, sys.stderr = (os.fdopen(number, "w") for number in (1, 2))
+                from orchid_uav.__main__ import main as command
+
+                sys.argv = ["orchid", "train", *TINY_FLAGS, "--no-rf", *flags]
+                sys.argv += ["--runs-dir", str(runs_dir)]
+                with signals_by_default():
+                    os._exit(command())
+
+            started.append(forked(run))
+            return started[-1]
+
+        yield start
+        for number in started:
+            with suppress(ProcessLookupError, ChildProcessError):
+                os.kill(number, signal.SIGKILL)
+                os.waitpid(number, 0)
+
+    @pytest.fixture
+    def log(self, tmp_path) -> Iterator[int]:
+        with (tmp_path / "log").open("w") as file:
+            yield file.fileno()
+
+    @staticmethod
+    def code_of(number: int) -> int:
+        deadline = time.monotonic() + GIVE_UP_AFTER_S
+        while time.monotonic() < deadline:
+            ended, status = os.waitpid(number, os.WNOHANG)
+            if ended:
+                return os.waitstatus_to_exitcode(status)
+            time.sleep(0.01)
+        raise AssertionError("it does not end")
+
+    @staticmethod
+    def until_rows(new_runs: Callable[[], list[Path]], count: int = 3) -> Path:
+        deadline = time.monotonic() + GIVE_UP_AFTER_S
+        while time.monotonic() < deadline:
+            for run in new_runs():
+                log = run / "episodes.csv"
+                if log.is_file() and log.read_bytes().count(b"\n") > count:
+                    return run
+            time.sleep(0.01)
+        raise AssertionError("no episodes")
+
+    @staticmethod
+    def broken_pipe() -> int:
+        read, write = os.pipe()
+        os.close(read)
+        return write
+
+    @staticmethod
+    def full_device() -> int:
+        if not Path("/dev/full").exists():
+            pytest.skip("no /dev/full")
+        return os.open("/dev/full", os.O_WRONLY)
+
+    @staticmethod
+    def closed_terminal() -> int:
+        master, slave = os.openpty()
+        os.close(master)
+        return slave
+
+    @pytest.mark.parametrize("lost", ["broken_pipe", "full_device", "closed_terminal"])
+    @pytest.mark.parametrize("flags", [(), ("--json", "--quiet")])
+    def test_that_is_lost_costs_a_run_nothing_but_its_exit_code(
+        self, start, new_runs, undisturbed, log, tmp_path, lost, flags
+    ):
+        out = getattr(self, lost)()
+        assert self.code_of(start(*EIGHT, *flags, out=out, err=log)) == 1
+        os.close(out)
+        [run] = new_runs()
+        assert record_of(run)["status"] == "completed"
+        assert learned_files(run) == undisturbed(*EIGHT)
+        [line] = (tmp_path / "log").read_text().splitlines()
+        assert line.startswith("error: cannot write the output: ")
+
+    @pytest.mark.parametrize("lost", ["broken_pipe", "full_device", "closed_terminal"])
+    def test_of_errors_that_is_lost_costs_nothing_at_all(
+        self, start, new_runs, undisturbed, log, lost
+    ):
+        err = getattr(self, lost)()
+        # A warning is written there.
+        assert self.code_of(start(*EIGHT, "--kappa=0.5", out=log, err=err)) == 0
+        os.close(err)
+        [run] = new_runs()
+        assert learned_files(run) == undisturbed(*EIGHT)
+
+    @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+    def test_that_is_lost_as_a_signal_comes_lets_the_run_save(self, start, new_runs, number):
+        # orchid train 2>&1 | tee log, and a ctrl-C for both.
+        out = self.broken_pipe()
+        process = start("--episodes=100000", out=out, err=out)
+        os.close(out)
+        run = self.until_rows(new_runs)
+        os.kill(process, number)
+        assert self.code_of(process) == 130
+        self.assert_saved(run)
+
+    def test_on_a_terminal_that_is_closed_lets_the_run_save(self, start, new_runs):
+        import fcntl
+        import termios
+
+        master, slave = os.openpty()
+
+        def take_terminal() -> None:
+            os.close(master)
+            os.setsid()
+            fcntl.ioctl(slave, termios.TIOCSCTTY, 0)
+
+        process = start("--episodes=100000", out=slave, err=slave, before=take_terminal)
+        os.close(slave)
+        shown = b""
+        while b"last episode" not in shown:  # the display is there
+            shown += os.read(master, 2**16)
+        run = self.until_rows(new_runs)
+        os.close(master)  # SIGHUP, and an error at every write from here on
+        assert self.code_of(process) == 130
+        self.assert_saved(run)
+
+    def assert_saved(self, run: Path) -> None:
+        record = record_of(run)
+        assert record["status"] == "interrupted"
+        assert record["error"] is None
+        assert str(record["episodes"]) in checkpoints_of(run)
+        assert_rows_are_whole(run, 3)
+
+    def test_that_is_closed_is_found_in_no_file_of_the_run(
+        self, start_process, plain_environment, new_runs, runs_dir
+    ):
+        from tensorboard.backend.event_processing.event_file_loader import LegacyEventFileLoader
+
+        command = [sys.executable, "-m", "orchid_uav", "train", *TINY_FLAGS, "--episodes=3"]
+        command += ["--kappa=0.5", "--no-rf", "--runs-dir", str(runs_dir)]
+        process = start_process(["sh", "-c", '"$0" "$@" <&- >&- 2>&-', *command])
+        process.communicate(timeout=GIVE_UP_AFTER_S)
+        assert process.returncode == 0
+        [run] = new_runs()
+        assert record_of(run)["status"] == "completed"
+        assert (run / ".lock").read_bytes() == b""
+        [events] = run.glob("events.*")
+        assert [event.step for event in LegacyEventFileLoader(str(events)).Load()] == [0, 1, 2, 3]
+        assert_rows_are_whole(run, 3)

@@ -594,7 +594,7 @@ def parent(tmp_path):
 
 
 class TestStopping:
-    @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+    @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGUSR1])
     def test_asks_all_jobs_once_to_save_and_begins_no_other(self, parent, tmp_path, number):
         process = parent(SAVES)
         process.send_signal(number)
@@ -617,7 +617,7 @@ class TestStopping:
         process = parent(DEAF)
         process.send_signal(signal.SIGINT)
         with pytest.raises(subprocess.TimeoutExpired):
-            process.wait(0.5)  # they do not heed SIGTERM
+            process.wait(1.2)  # they do not heed SIGTERM
         process.send_signal(signal.SIGINT)
         out, err = process.communicate(timeout=GIVE_UP_AFTER_S)
         assert err == ""
@@ -630,11 +630,21 @@ class TestStopping:
             grandchild = pid_of(tmp_path, name, "grandchild")
             until(lambda pid=grandchild: not is_running(pid))
 
-    def test_by_a_terminal_that_closes_is_no_hurry(self, parent, tmp_path):
+    @pytest.mark.parametrize(
+        ("first", "second"),
+        [
+            (signal.SIGHUP, signal.SIGHUP),
+            (signal.SIGTERM, signal.SIGTERM),
+            (signal.SIGINT, signal.SIGINT),
+        ],
+    )
+    def test_by_a_terminal_or_a_batch_system_that_tells_it_twice_is_no_hurry(
+        self, parent, tmp_path, first, second
+    ):
         process = parent(SAVES)
-        process.send_signal(signal.SIGHUP)
+        process.send_signal(first)
         time.sleep(0.2)
-        process.send_signal(signal.SIGHUP)
+        process.send_signal(second)
         out, _ = process.communicate(timeout=GIVE_UP_AFTER_S)
         assert out.startswith("first|interrupted|130|")
         assert (tmp_path / "first.saved").read_text() == "1"

@@ -1,17 +1,38 @@
 """The ``orchid`` command, also as ``python -m orchid_uav``."""
 
+import os
 import sys
+from contextlib import suppress
 
 
 def main() -> int:
     """Run the command; its imports take a while, in which ctrl-C shall be no traceback either."""
+    _occupy_descriptors()
     try:
         from orchid_uav.cli.main import main as command
+        from orchid_uav.experiments.interruption import ignore_signals
 
-        return command()
+        code = command()
+        ignore_signals()
+        return code
     except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
+        with suppress(OSError):
+            print("interrupted", file=sys.stderr)
         return 130
+
+
+def _occupy_descriptors() -> None:
+    """Have 0 to 2 lead nowhere where they are closed, lest a file of a run gets such a number.
+
+    What is printed, by libraries in C as well, would be written into it.
+    """
+    for number, name, mode in ((0, "stdin", "r"), (1, "stdout", "w"), (2, "stderr", "w")):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)  # the lowest that is free
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(number, mode, closefd=False))  # noqa: SIM115
 
 
 if __name__ == "__main__":
