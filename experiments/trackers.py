@@ -1,9 +1,10 @@
 """Exporters of a run's figures to other programs.
 
-A tracker is told of every episode and can never stop a training: an error switches it off with a
-warning. Its package is imported only when it is asked for.
+A tracker is told of every episode and can never stop or delay a training: an error switches it off
+with a warning, and those that may have to wait for a server or a lock have a process of their own.
 """
 
+import importlib.util
 import os
 import platform
 import sys
@@ -13,9 +14,10 @@ from itertools import chain, count
 from pathlib import Path
 from typing import Any, Protocol
 
-from orchid_uav.envs.extras import import_extra
+from orchid_uav.envs.extras import install_command
 from orchid_uav.experiments.configuration import RunConfig, flatten
 from orchid_uav.experiments.errors import InputError
+from orchid_uav.experiments.tracker_process import TrackerProcess
 
 Figures = Mapping[str, float]
 
@@ -125,7 +127,9 @@ class TrackioTracker:
         self._trackio.finish()
 
 
-TRACKERS = ("tensorboard", "mlflow", "trackio")
+EXPORTERS: dict[str, Any] = {"mlflow": MlflowTracker, "trackio": TrackioTracker}
+"""Makers of the trackers that need a package of others, given a run's id and configuration."""
+TRACKERS = ("tensorboard", *EXPORTERS)
 """Names for ``--track``; TensorBoard's files are always written."""
 
 
@@ -137,24 +141,33 @@ def check_tracker(name: str) -> None:
     """
     if name not in TRACKERS:
         raise InputError(f"unknown tracker '{name}': known are {', '.join(TRACKERS)}")
+    if not _is_installed(name):
+        raise InputError(
+            f"--track {name} needs a package that is not installed; "
+            f"to install it: {install_command(name)}"
+        )
+
+
+def _is_installed(package: str) -> bool:
+    """Without importing it: what trackers import stays in a process of its own."""
     try:
-        import_extra(name)
-    except ImportError as error:
-        raise InputError(f"--track {name}: {error}") from error
+        return importlib.util.find_spec(package) is not None
+    except ValueError:  # somebody has put None in its place
+        return False
 
 
 def open_tracker(name: str, directory: Path, config: RunConfig) -> "SafeTracker":
     """The tracker of that name, which passed :func:`check_tracker`; switched off if it fails."""
-    makers: dict[str, Any] = {
-        "tensorboard": lambda: TensorBoardTracker(directory),
-        "mlflow": lambda: MlflowTracker(directory.name, config),
-        "trackio": lambda: TrackioTracker(directory.name, config),
-    }
     try:
-        return SafeTracker(name, makers[name]())
+        tracker: Tracker = (
+            TensorBoardTracker(directory)
+            if name == "tensorboard"
+            else TrackerProcess(name, directory.name, config)
+        )
     except Exception as error:
         _warn(f"{name} is off for this run: {error}")
         return SafeTracker(name, None)
+    return SafeTracker(name, tracker)
 
 
 def _warn(message: str) -> None:

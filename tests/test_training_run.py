@@ -3,14 +3,17 @@
 import itertools
 import json
 import math
+import os
 import random
 import re
 import signal
 import statistics
+import time
 import warnings
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,7 +21,7 @@ import torch
 
 from orchid_uav.agents import MAPPO, load_policy
 from orchid_uav.agents.rollout import CentralizedRolloutBuffer
-from orchid_uav.experiments import trackers, training
+from orchid_uav.experiments import interruption, tracker_process, trackers, training
 from orchid_uav.experiments.configuration import file_layer, merge
 from orchid_uav.experiments.errors import RunFailedError
 from orchid_uav.experiments.run_directory import RunDirectory
@@ -30,10 +33,13 @@ from tests.running import (
     columns,
     files_of,
     record_of,
+    signals_by_default,
     tiny_config,
 )
 
 pytestmark = pytest.mark.usefixtures("torch_as_before")
+
+GIVE_UP_AFTER_S = 60.0
 
 ALWAYS = {"reset__window": 2, "reset__tolerance_jfi": 1e9, "reset__tolerance_reward": 1e9}
 """Both windows always look alike, so that Reset-and-Finetune acts as soon as they are full."""
@@ -42,6 +48,11 @@ COMPLETE = {
     *("run.json", "config.json", "episodes.csv", "policy.safetensors", "policy.json"),
     *("events.out.tfevents", "checkpoints", ".lock"),
 }
+STOPPING = [
+    signal.Signals[name]
+    for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGUSR1", "SIGXCPU")
+    if hasattr(signal, name)
+]
 
 
 class Watcher:
@@ -110,7 +121,7 @@ def models(monkeypatch):
 @contextmanager
 def signals_as_before():
     """Fail if the handlers of signals are others at the end than at the beginning."""
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: signal.getsignal(number) for number in STOPPING}
     yield
     assert {number: signal.getsignal(number) for number in before} == before
 
@@ -332,7 +343,12 @@ class TestResetAndFinetune:
 
 
 class TestInterruption:
-    @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+    @pytest.fixture(autouse=True)
+    def _heeded(self):
+        with signals_by_default():
+            yield
+
+    @pytest.mark.parametrize("number", STOPPING)
     def test_keeps_what_is_done(self, train, number):
         def interrupt(watcher):
             if watcher.episodes == 3:
@@ -397,18 +413,68 @@ class TestInterruption:
         [path] = new_runs()
         assert record_of(path)["status"] in {"interrupted", "completed"}
 
-    def test_twice_ends_at_once_and_is_told_by_the_record(self, train, new_runs):
+    @pytest.mark.parametrize(
+        "numbers",
+        # By shell and kernel, by a batch system and its steps, by a hand that trembles.
+        [(number, number) for number in STOPPING]
+        + [(signal.SIGTERM, signal.SIGINT), (STOPPING[-1], signal.SIGTERM, signal.SIGTERM)],
+    )
+    def test_told_several_times_at_once_is_one(self, train, numbers):
         def interrupt(watcher):
             if watcher.episodes == 3:
-                signal.raise_signal(signal.SIGINT)
-                signal.raise_signal(signal.SIGINT)
+                for number in numbers:
+                    signal.raise_signal(number)
 
-        with signals_as_before(), suppress(KeyboardInterrupt):
+        outcome = train(tiny_config(9), Watcher(interrupt))
+        assert outcome.status == "interrupted"
+        assert (outcome.run.path / "checkpoints" / "3").is_dir()
+
+    @pytest.fixture
+    def later(self, monkeypatch):
+        """Every signal comes more than a second after the one before."""
+        moments = itertools.count(1000.0, 1.1)
+        monkeypatch.setattr(interruption, "time", SimpleNamespace(monotonic=moments.__next__))
+
+    @pytest.mark.parametrize("first", STOPPING)
+    def test_by_a_person_who_insists_ends_at_once_and_is_told_by_the_record(
+        self, train, new_runs, later, first
+    ):
+        def interrupt(watcher):
+            if watcher.episodes == 3:
+                signal.raise_signal(first)
+                signal.raise_signal(signal.SIGINT)
+                raise AssertionError("it goes on")
+
+        with signals_as_before(), pytest.raises(KeyboardInterrupt):
             train(tiny_config(9), Watcher(interrupt))
         [path] = new_runs()
         record = record_of(path)
         assert record["status"] == "interrupted"
         assert columns(path)["episode"] == list(range(1, record["episodes"] + 1)) == [1, 2, 3]
+        assert not (path / "checkpoints" / "3").exists()
+
+    @pytest.mark.parametrize("second", STOPPING[1:])
+    def test_by_a_machine_that_insists_still_saves(self, train, later, second):
+        def interrupt(watcher):
+            if watcher.episodes == 3:
+                for number in (signal.SIGINT, second, second):
+                    signal.raise_signal(number)
+
+        outcome = train(tiny_config(9), Watcher(interrupt))
+        assert (outcome.run.path / "checkpoints" / "3").is_dir()
+
+    @pytest.mark.skipif(not hasattr(signal, "SIGUSR1"), reason="the signal is POSIX")
+    def test_leaves_a_batch_programs_own_signal_to_it(self, train):
+        told = []
+        before = signal.signal(signal.SIGUSR1, lambda *_: told.append(1))
+        try:
+            outcome = train(
+                tiny_config(2), Watcher(lambda watcher: signal.raise_signal(signal.SIGUSR1))
+            )
+        finally:
+            signal.signal(signal.SIGUSR1, before)
+        assert outcome.status == "completed"
+        assert told == [1, 1]
 
     def test_a_signal_that_the_caller_ignores_stays_ignored(self, train):
         # nohup and shells' background jobs rely on it.
@@ -562,3 +628,93 @@ class TestTrackersThatFail:
             outcome = train(tiny_config(2))
         assert outcome.status == "completed"
         assert files_of(outcome.run.path) == COMPLETE - {"events.out.tfevents"}
+
+
+FAKE_MLFLOW = """
+import os, time
+from pathlib import Path
+here = Path(os.environ["FAKE_MLFLOW"])
+behaviour = (here / "behaviour").read_text()
+def note(text):
+    with (here / "noted").open("a") as file:
+        file.write(text + "\\n")
+def set_experiment(name):
+    if behaviour == "hangs":
+        note(f"process {os.getpid()}")
+        time.sleep(600)
+def start_run(run_name):
+    print(f"View run {run_name}")
+def log_params(parameters):
+    note(f"params {parameters['training.episodes']}")
+def log_metrics(figures, step):
+    if behaviour == "fails" and step == 2:
+        raise ConnectionError("the server is gone")
+    if behaviour == "slows" and step == 2:
+        time.sleep(600)
+    note(f"{step} {figures['episode/reward']!r}")
+def end_run(status):
+    note(status)
+"""
+
+
+class TestTrackersOfOthers:
+    """MLflow, in whose place a module of ours stands."""
+
+    @pytest.fixture
+    def mlflow(self, tmp_path, monkeypatch):
+        """Calls train with an MLflow that behaves in a way; they give what it was told."""
+        folder = tmp_path / "fake"
+        folder.mkdir()
+        (folder / "mlflow.py").write_text(FAKE_MLFLOW)
+        monkeypatch.setenv("FAKE_MLFLOW", str(folder))
+        monkeypatch.setenv("PYTHONPATH", str(folder))
+
+        def run(train, behaviour: str) -> tuple[Path, list[str]]:
+            (folder / "behaviour").write_text(behaviour)
+            config = tiny_config(4)
+            run = RunDirectory.create(tmp_path / "runs", "lab", config, ["orchid"])
+            tracker = open_tracker("mlflow", run.path, config)
+            if behaviour != "works":
+                deadline = time.monotonic() + GIVE_UP_AFTER_S
+                while not (folder / "noted").exists() and time.monotonic() < deadline:
+                    time.sleep(0.01)  # until it stands still
+            outcome = training.train(config, run, Watcher(), [tracker])
+            assert outcome.status == "completed"
+            return run.path, (folder / "noted").read_text().splitlines()
+
+        return run
+
+    def test_are_told_everything_and_are_heard(self, train, mlflow, monkeypatch, capsys):
+        monkeypatch.setattr(tracker_process, "_SECONDS_AT_THE_END", GIVE_UP_AFTER_S)
+        path, noted = mlflow(train, "works")
+        rewards = columns(path)["reward"]
+        assert noted[0] == "params 4"
+        assert noted[1:-1] == [f"{step} {reward!r}" for step, reward in enumerate(rewards, 1)]
+        assert noted[-1] == "FINISHED"
+        assert capsys.readouterr().err == f"View run {path.name}\n"
+
+    @pytest.mark.parametrize(
+        ("behaviour", "exported"),
+        [("hangs", "nothing exported"), ("slows", "exported up to episode 1, no later ones")],
+    )
+    def test_that_stand_still_are_switched_off_and_change_nothing(
+        self, train, mlflow, monkeypatch, capsys, behaviour, exported
+    ):
+        monkeypatch.setattr(tracker_process, "_SECONDS_AT_THE_END", 0.5)
+        path, noted = mlflow(train, behaviour)
+        [line] = [line for line in capsys.readouterr().err.splitlines() if "warning" in line]
+        assert line.startswith("warning: mlflow is off for the rest of the run: not done 0.5 s ")
+        assert line.endswith(f"({exported})")
+        assert learned_files(path) == learned_files(train(tiny_config(4)).run.path)
+        if behaviour == "hangs":
+            with pytest.raises(ProcessLookupError):
+                os.kill(int(noted[0].removeprefix("process ")), 0)
+
+    def test_that_fail_are_switched_off_with_the_reason(self, train, mlflow, monkeypatch, capsys):
+        monkeypatch.setattr(tracker_process, "_SECONDS_AT_THE_END", GIVE_UP_AFTER_S)
+        mlflow(train, "fails")
+        [line] = [line for line in capsys.readouterr().err.splitlines() if "warning" in line]
+        assert line == (
+            "warning: mlflow is off for the rest of the run: the server is gone "
+            "(exported up to episode 1, no later ones)"
+        )
