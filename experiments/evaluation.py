@@ -145,8 +145,8 @@ def evaluate(
         save: called with all flights so far after every setting, and however the flying ends.
 
     Returns:
-        The figures by flight, and whether all flights were flown: ctrl-C and SIGTERM end the
-        evaluation and lose the flight that was going on.
+        The figures by flight, and whether all flights were flown: KeyboardInterrupt ends the
+        evaluation and loses the flight that was going on.
     """
     progress = progress or SilentProgress()
     done: Flown = dict(flown or {})

@@ -214,7 +214,7 @@ def train(
     trackers: Sequence[SafeTracker] = (),
     interruption: Interruption | None = None,
 ) -> TrainingOutcome:
-    """Train to the end, or until ctrl-C or SIGTERM, and leave a complete run directory.
+    """Train to the end, or until a signal asks to stop, and leave a complete run directory.
 
     A run that was reopened goes on from its latest checkpoint that is not damaged, or from its
     beginning where there is none, and becomes the run that it would have been.
@@ -228,7 +228,7 @@ def train(
 
     Raises:
         RunFailedError: training could not go on; the run's status is "failed".
-        KeyboardInterrupt: a second ctrl-C, which does not wait for an update or a checkpoint.
+        KeyboardInterrupt: an urgent ctrl-C, which does not wait for an update or a checkpoint.
     """
     outcome = TrainingOutcome(run, is_restored=not run.is_resumed)
     try:
