@@ -161,6 +161,14 @@ def known_methods() -> list[str]:
     return [*learned, *rules()]
 
 
+def groups() -> dict[str, list[str]]:
+    """What the groups stand for: "all" leaves out the rules that serve other users."""
+    catalogue = rules()
+    comparable = [key for key, entry in catalogue.items() if entry.is_comparable]
+    learned = [key for key in known_methods() if key not in catalogue]
+    return {ALL: [*learned, *comparable], RULES: comparable, LEARNED: learned}
+
+
 def ideas() -> dict[str, str]:
     """What every method is, by its key."""
     catalogue = rules()
@@ -193,16 +201,13 @@ def select(
     Raises:
         InputError: an unknown key, or a run that cannot be flown.
     """
-    catalogue = rules(planner_evaluations)
+    catalogue, members = rules(planner_evaluations), groups()
     known = known_methods()
-    comparable_rules = [key for key, entry in catalogue.items() if entry.is_comparable]
-    learned = [key for key in known if key not in catalogue]
-    groups = {ALL: [*learned, *comparable_rules], RULES: comparable_rules, LEARNED: learned}
     wanted: set[str] = set()
     for key in methods:
-        if key not in {*groups, *known}:
-            raise InputError(unknown("method", key, [*groups, *known], cutoff=0.4))
-        wanted.update(groups.get(key, [key]))
+        if key not in {*members, *known}:
+            raise InputError(unknown("method", key, [*members, *known], cutoff=0.4))
+        wanted.update(members.get(key, [key]))
     entries: list[Entry] = []
     for key in known:
         if key not in wanted:

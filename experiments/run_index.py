@@ -6,7 +6,6 @@ ended the last lines of its log. Nothing is validated that these do not say them
 
 import json
 import os
-import re
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -34,6 +33,7 @@ from orchid_uav.experiments.run_records import (
     read_plain_config,
     read_record,
     resume_command,
+    short_ids,
     status_of,
 )
 
@@ -64,7 +64,8 @@ class Run:
     @property
     def id(self) -> str:
         """What it is called on the command line: its directory's name."""
-        return self.path.name
+        is_named = self.path.name not in ("", "..")  # a link by its own name
+        return self.path.name if is_named else self.path.resolve().name
 
     @property
     def planned_episodes(self) -> int:
@@ -280,9 +281,13 @@ def changed(run: Run) -> dict[str, tuple[Any, Any]]:
 
 
 def short_names(runs: Sequence[Run]) -> list[str]:
-    """The ids without the time where that leaves them different."""
-    short = [re.sub(r"^\d{8}T\d{6}Z-", "", run.id) for run in runs]
-    return short if len(set(short)) == len(short) else [run.id for run in runs]
+    """The shortest parts of the ids that leave them different, or paths where the ids are equal."""
+    ids = [run.id for run in runs]
+    short = short_ids(ids)
+    return [
+        short[run] if ids.count(run) == 1 else str(one.path)
+        for run, one in zip(ids, runs, strict=True)
+    ]
 
 
 def heading_of(key: str) -> str:

@@ -1,7 +1,8 @@
 """Reading run directories: records, configurations, whether a run goes on or has died."""
 
 import os
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -17,6 +18,9 @@ from orchid_uav.experiments.run_lock import is_alive
 RECORD_FILE, CONFIG_FILE, EPISODES_FILE = "run.json", "config.json", "episodes.csv"
 CHECKPOINTS_FOLDER = "checkpoints"
 DEFAULT_RUNS_DIR = Path("runs")
+_TIME = re.compile(r"^\d{8}T\d{6}Z-")
+_ID = re.compile(r"\d{8}T\d{6}Z-(.+-s\d+)-[a-z]{4}")
+"""An id as it is given to a new run; a directory may be called otherwise."""
 _LARGEST_CONFIG = 2**20
 LARGEST_LOG = 2**30
 """Bytes of ``episodes.csv`` at most."""
@@ -129,16 +133,46 @@ def has_checkpoint(path: Path) -> bool:
 
 def resume_command(path: Path) -> list[str]:
     """The command line that goes on with a run, or extends it."""
+    return ["orchid", "train", "--resume", run_argument(path)]
+
+
+def run_argument(path: Path) -> str:
+    """What a run is called on a command line: its id where that is enough, else its path."""
     try:
-        default = expanded(os.environ.get("ORCHID_RUNS_DIR", DEFAULT_RUNS_DIR))
-        is_default = path.parent.resolve() == default.resolve()
+        default = expanded(os.environ.get("ORCHID_RUNS_DIR") or DEFAULT_RUNS_DIR)
+        is_default = path.name not in ("", "..") and path.parent.resolve() == default.resolve()
     except (OSError, InputError):
         is_default = False
-    return ["orchid", "train", "--resume", path.name if is_default else str(path)]
+    return path.name if is_default else str(path)
+
+
+def without_time(run_id: str) -> str:
+    """An id from its name on, which is the part that people recognise."""
+    return _TIME.sub("", run_id, count=1)
+
+
+def _name_and_seed(run_id: str) -> str:
+    match = _ID.fullmatch(run_id)
+    return match[1] if match else run_id
+
+
+def short_ids(ids: Sequence[str]) -> dict[str, str]:
+    """The shortest part of each id that no other one has: name and seed, then letters, then time.
+
+    :func:`find_run` knows a run by it as well, unless further runs have the same part.
+    """
+    parts = {run: (_name_and_seed(run), without_time(run), run) for run in ids}
+    short = {}
+    for run, own in parts.items():
+        taken = {part for other, found in parts.items() if other != run for part in found}
+        short[run] = next((part for part in own if part not in taken), run)
+    return short
 
 
 def find_run(name: str, runs_dir: Path) -> Path:
     """The directory of a run given as a path, an id, or a unique beginning of one.
+
+    The beginning may leave out the time: what tables show is found as well.
 
     Raises:
         InputError: none or several fit.
@@ -158,6 +192,8 @@ def find_run(name: str, runs_dir: Path) -> Path:
     # Not Path.is_file, which raises an error where a directory is somebody else's.
     ids = [path.name for path in entries if os.path.isfile(path / RECORD_FILE)]  # noqa: PTH113
     found = [name] if name in ids else [run for run in ids if run.startswith(name)]
+    found = found or [run for run in ids if _name_and_seed(run) == name]
+    found = found or [run for run in ids if without_time(run).startswith(name)]
     if len(found) == 1:
         return runs_dir / found[0]
     if found:

@@ -102,6 +102,7 @@ def show(
                 [key, _text(value), unit_of(key), values_of(field_of(key)), sources[key]]
                 for key, value in flatten(merged).items()
             ],
+            wraps_last=True,
         )
 
 

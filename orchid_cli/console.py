@@ -1,20 +1,27 @@
 """Where a command prints, and how it fails."""
 
+import shlex
 import sys
+import textwrap
 import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext, redirect_stdout
+from itertools import zip_longest
 from typing import Annotated
 
 import typer
+from rich.cells import cell_len
 from rich.console import Console
-from rich.table import Table
 
 from orchid_uav.experiments.errors import InputError, RunFailedError
 from orchid_uav.experiments.interruption import Raising, interruption_requests
 
 FAILED, WRONG_INPUT, INTERRUPTED = 1, 2, 130
 """Exit codes besides 0."""
+_GAP = 2
+"""Spaces between the columns of a table."""
+_LEAST_TEXT = 20
+"""Columns of a terminal for which a text stays beside the other columns of its table."""
 
 OUTPUT_PANEL = "Output"
 JsonOption = Annotated[
@@ -36,9 +43,9 @@ DebugOption = Annotated[
 
 def console(stderr: bool = False) -> Console:
     """A console whose lines are never cut to a width off a terminal."""
-    made = Console(stderr=stderr, highlight=False)
+    made = Console(stderr=stderr, highlight=False, emoji=False)
     if not made.is_terminal:
-        made = Console(stderr=stderr, highlight=False, soft_wrap=True)
+        made = Console(stderr=stderr, highlight=False, emoji=False, soft_wrap=True)
     return made
 
 
@@ -49,7 +56,7 @@ def has_cursor(out: Console) -> bool:
 
 def print_error(message: str) -> None:
     """One error on stderr."""
-    Console(stderr=True, highlight=False, soft_wrap=True).print(
+    Console(stderr=True, highlight=False, emoji=False, soft_wrap=True).print(
         f"[bold red]error:[/] {_escaped(message)}"
     )
 
@@ -64,23 +71,122 @@ def print_note(message: str) -> None:
     print_line(console(stderr=True), f"note: {message}")
 
 
-def print_table(out: Console, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """A table on a terminal, where long cells are folded, and tab-separated lines elsewhere."""
+def print_table(
+    out: Console,
+    columns: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    wraps_last: bool = False,
+) -> None:
+    """A table on a terminal, and tab-separated lines elsewhere.
+
+    On a terminal no cell is broken, and headings only between words: columns for which there is no
+    room go into a further table below, with the same first column.
+
+    Args:
+        out: where.
+        columns: their headings.
+        rows: of cells.
+        wraps_last: the last column is text, which is broken between words where room is short.
+    """
     if not out.is_terminal:
         for row in (columns, *rows):
             print("\t".join(row), file=out.file)
         return
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for index, column in enumerate(columns):
-        table.add_column(column, overflow="fold", no_wrap=index == 0)
-    for row in rows:
-        table.add_row(*(_escaped(cell) for cell in row))
-    out.print(table)
+    table = [list(column) for column in zip(columns, *rows, strict=True)]
+    if wraps_last:
+        table[-1] = _wrapped(table, out.width)
+    for number, part in enumerate(_parts(table, out.width)):
+        if number:
+            print_line(out, "")
+        _print_part(out, part)
+
+
+def _wrapped(table: Sequence[Sequence[str]], room: int) -> list[str]:
+    """The last column, its cells broken between words so that it fits, if it can."""
+    *others, (heading, *cells) = table
+    beside = [_least_width(column) + _GAP for column in others]
+    left = room - sum(beside)
+    if left < _LEAST_TEXT:  # it goes into a table of its own
+        left = max(room - sum(beside[:1]), _LEAST_TEXT)
+    return [heading, *("\n".join(_broken(cell, left)) for cell in cells)]
+
+
+def _parts(table: Sequence[list[str]], room: int) -> Iterator[list[list[str]]]:
+    """Columns that fit side by side, the first of all before each group of them."""
+    first, *others = table
+    part, width = [first], _least_width(first)
+    for column in others:
+        needed = _GAP + _least_width(column)
+        if len(part) > 1 and width + needed > room:
+            yield _fitted(part, room)
+            part, width = [first], _least_width(first)
+        part.append(column)
+        width += needed
+    yield _fitted(part, room)
+
+
+def _least_width(column: Sequence[str]) -> int:
+    """Of a column in which only the heading is broken, and only between words."""
+    heading, *cells = column
+    lines = (line for cell in cells for line in cell.split("\n"))
+    return max(map(cell_len, (*heading.split(), *lines, "")))
+
+
+def _fitted(part: Sequence[list[str]], room: int) -> list[list[str]]:
+    """With headings broken where there is no room for the whole of them."""
+    widths = [_least_width(column) for column in part]
+    left = room - sum(widths) - _GAP * (len(widths) - 1)
+    lacking = [
+        max(0, cell_len(heading) - width) for (heading, *_), width in zip(part, widths, strict=True)
+    ]
+    for index in sorted(range(len(widths)), key=lambda index: lacking[index]):
+        if lacking[index] <= left:
+            widths[index] += lacking[index]
+            left -= lacking[index]
+    return [
+        ["\n".join(_broken(heading, width)), *cells]
+        for (heading, *cells), width in zip(part, widths, strict=True)
+    ]
+
+
+def _broken(text: str, width: int) -> list[str]:
+    """Lines of text that is broken between words alone."""
+    return textwrap.wrap(text, max(width, 1), break_long_words=False, break_on_hyphens=False) or [
+        ""
+    ]
+
+
+def _print_part(out: Console, part: Sequence[Sequence[str]]) -> None:
+    """Put together here: of a thousand rows rich makes a table in seconds."""
+    widths = [
+        max(cell_len(line) for cell in column for line in cell.split("\n")) for column in part
+    ]
+    heading, *rows = (_lines(row, widths) for row in zip(*part, strict=True))
+    out.print(heading, style="bold", markup=False, soft_wrap=True)
+    if rows:
+        out.print("\n".join(rows), markup=False, soft_wrap=True)
+
+
+def _lines(cells: Sequence[str], widths: Sequence[int]) -> str:
+    """A row, of as many lines as its longest cell has."""
+    return "\n".join(
+        (" " * _GAP)
+        .join(
+            text + " " * (width - cell_len(text)) for text, width in zip(line, widths, strict=True)
+        )
+        .rstrip()
+        for line in zip_longest(*(cell.split("\n") for cell in cells), fillvalue="")
+    )
 
 
 def print_line(out: Console, text: str) -> None:
     """A line that is neither broken nor read as markup, so that a path in it can be copied."""
     out.print(text, soft_wrap=True, markup=False)
+
+
+def print_next(out: Console, command: Sequence[str]) -> None:
+    """The command that is likely to be wanted next, to be copied."""
+    print_line(out, f"next: {shlex.join(command)}")
 
 
 @contextmanager

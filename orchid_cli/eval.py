@@ -131,10 +131,7 @@ def evaluate(
     with failing_well(debug):
         show_on_stderr(with_notes=not quiet)
         if list_methods:
-            from orchid_uav.experiments.methods import ideas
-
-            rows = [[key, idea] for key, idea in ideas().items()]
-            print_table(console(), ["method", "what it is"], rows)
+            _list_methods(as_json)
             return
         from orchid_uav.cli.evaluation_display import evaluation_progress
         from orchid_uav.experiments.contact_sheet import SHEET_FILE
@@ -191,6 +188,20 @@ def evaluate(
         if figures:
             print_line(shown, f"figures: {directory / FIGURES_FOLDER / SHEET_FILE}")
         print_line(shown, f"completed: {directory}")
+
+
+def _list_methods(as_json: bool) -> None:
+    from orchid_uav.experiments.methods import groups, ideas
+
+    if not as_json:
+        print_table(console(), ["method", "what it is"], list(ideas().items()), wraps_last=True)
+        return
+    members = groups().items()
+    methods = [
+        {"method": key, "idea": idea, "groups": [name for name, keys in members if key in keys]}
+        for key, idea in ideas().items()
+    ]
+    print(json.dumps({"schema": 1, "methods": methods}))
 
 
 def _settings(

@@ -15,6 +15,7 @@ from orchid_uav.cli.console import has_cursor, print_line
 from orchid_uav.experiments.evaluation import Flight, SilentProgress, describe
 from orchid_uav.experiments.evaluation import Progress as FlightProgress
 from orchid_uav.experiments.metrics import label_of
+from orchid_uav.experiments.run_records import short_ids
 
 _SECONDS_BETWEEN_LINES = 5.0
 _LEAST_SHARE = 0.02
@@ -29,9 +30,12 @@ def evaluation_progress(out: Console, quiet: bool) -> FlightProgress:
 
 
 def _describe(flight: Flight) -> str:
-    setting = flight.setting
+    setting, described = flight.setting, describe(flight)
+    run = described["run"]
+    if run is not None:  # in a line with a bar there is room for no more
+        described["method"] = described["method"].replace(run, short_ids([run])[run], 1)
     return (
-        f"{label_of(describe(flight))}, {setting.uavs} UAVs, {setting.users} users, "
+        f"{label_of(described)}, {setting.uavs} UAVs, {setting.users} users, "
         f"{setting.speed_mps:g} m/s, {setting.distribution}"
     )
 

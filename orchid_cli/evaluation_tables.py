@@ -7,6 +7,7 @@ from rich.console import Console
 
 from orchid_uav.cli.console import print_line, print_table
 from orchid_uav.experiments.metrics import METRICS, label_of
+from orchid_uav.experiments.run_records import short_ids
 
 Result = Mapping[str, Any]
 
@@ -21,6 +22,8 @@ _DIMENSIONS = {
 
 def print_tables(out: Console, results: Sequence[Result], metrics: Sequence[str]) -> None:
     """Methods by metrics where there is one setting, else methods by settings for each metric."""
+    if out.is_terminal:  # elsewhere a program may look for the ids
+        results = _with_short_names(results)
     settings = list(dict.fromkeys(_setting(result) for result in results))
     methods = list(dict.fromkeys(label_of(result) for result in results))
     cells = {(_setting(result), label_of(result)): result for result in results}
@@ -46,6 +49,18 @@ def print_tables(out: Console, results: Sequence[Result], metrics: Sequence[str]
         }
         print_line(out, "")
         _print(out, METRICS[metric].heading, methods, columns)
+
+
+def _with_short_names(results: Sequence[Result]) -> list[Result]:
+    """Runs are methods by their ids: by the shortest part that tells them apart."""
+    named = [run for result in results if (run := result["run"] or "") and run in result["method"]]
+    short = short_ids(list(dict.fromkeys(named)))
+    return [
+        {**result, "method": result["method"].replace(run, short[run], 1)}
+        if (run := result["run"]) in short  # released policies are called by their keys
+        else result
+        for result in results
+    ]
 
 
 def _print(

@@ -3,10 +3,8 @@
 import shlex
 import textwrap
 from collections.abc import Iterable, Sequence
-from itertools import zip_longest
 from typing import TYPE_CHECKING, Any
 
-from rich.cells import cell_len
 from rich.console import Console
 
 from orchid_uav.cli.console import console, print_line, print_note, print_table
@@ -48,7 +46,8 @@ def plain(text: str) -> str:
 def print_runs(out: Console, runs: Sequence["Run"], columns: Sequence[str]) -> None:
     """A row a run."""
     names = _headings(columns)
-    _print(out, ["id", *names], [[run.id, *_cells(run, columns)] for run in runs])
+    rows = [[run.id, *_cells(run, columns)] for run in runs]
+    _print(out, ["id", *names], rows, wraps_last=True)
 
 
 def columns_that_fit(out: Console, runs: Sequence["Run"]) -> list[str]:
@@ -268,50 +267,15 @@ def print_removals(out: Console, removals: Sequence["Removal"]) -> None:
         ]
         for removal in removals
     ]
-    _print(out, ["to be deleted", "status", ""], rows)
+    _print(out, ["to be deleted", "status", ""], rows, wraps_last=True)
 
 
-def _print(out: Console, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """A table. Where no cell has to be folded it is put together here: rich takes seconds."""
-    headings = [*map(plain, columns)]
+def _print(
+    out: Console,
+    columns: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    wraps_last: bool = False,
+) -> None:
+    """A table of what files say."""
     cells = [[*map(plain, row)] for row in rows]
-    if not out.is_terminal:
-        print_table(out, headings, cells)
-        return
-    widths = _widths(headings, cells, out.width)
-    if widths is None:
-        print_table(out, headings, cells)
-        return
-    broken = [
-        textwrap.wrap(heading, max(width, 1), break_on_hyphens=False)
-        for heading, width in zip(headings, widths, strict=True)
-    ]
-    top = [_line(row, widths) for row in zip_longest(*broken, fillvalue="")]
-    out.print("\n".join(top), style="bold", markup=False, soft_wrap=True)
-    if cells:
-        lines = "\n".join(_line(row, widths) for row in cells)
-        out.print(lines, markup=False, soft_wrap=True)
-
-
-def _widths(headings: Sequence[str], cells: Sequence[Sequence[str]], room: int) -> list[int] | None:
-    """Of columns in which only headings are broken, and only between words; None if too wide."""
-    widths = [
-        max(cell_len(text) for text in [*heading.split(), *(row[index] for row in cells), ""])
-        for index, heading in enumerate(headings)
-    ]
-    left = room - sum(widths) - 2 * (len(widths) - 1)
-    if left < 0:
-        return None
-    lacking = [max(0, cell_len(text) - width) for text, width in zip(headings, widths, strict=True)]
-    for index in sorted(range(len(widths)), key=lambda index: lacking[index]):
-        if lacking[index] <= left:
-            widths[index] += lacking[index]
-            left -= lacking[index]
-    return widths
-
-
-def _line(cells: Sequence[str], widths: Sequence[int]) -> str:
-    padded = (
-        cell + " " * (width - cell_len(cell)) for cell, width in zip(cells, widths, strict=True)
-    )
-    return "  ".join(padded).rstrip()
+    print_table(out, [*map(plain, columns)], cells, wraps_last)

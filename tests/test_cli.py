@@ -16,9 +16,14 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.cells import cell_len
+from rich.console import Console
 
 from orchid_uav.agents import MAPPO, load_policy
 from orchid_uav.cli import display
+from orchid_uav.cli.console import console, print_table
 from orchid_uav.envs.extras import install_command
 from orchid_uav.experiments import interruption, trackers
 from tests.running import (
@@ -459,6 +464,72 @@ class TestOnATerminal:
         monkeypatch.setattr(sys, "stderr", screen)
         assert json.loads(train("--json").out)["episodes"] == 3
         assert "3/3" in screen.text
+
+
+WORDS = st.text("abc.-[]é漢:", min_size=1, max_size=9)
+CELLS = st.lists(WORDS, max_size=3).map(" ".join)
+
+
+class TestTables:
+    """On terminals; elsewhere they are lines with tabs."""
+
+    def shown(self, width, columns, rows, **options):
+        screen = io.StringIO()
+        out = Console(file=screen, width=width, force_terminal=True, color_system=None, emoji=False)
+        print_table(out, columns, rows, **options)
+        return screen.getvalue()
+
+    @given(st.data(), st.integers(10, 90), st.integers(1, 8))
+    def test_no_cell_is_broken_and_none_is_missing(self, data, width, count):
+        # Each cell ends in a number of its own.
+        rows = [
+            [f"{data.draw(CELLS)} {row}{column}".strip() for column in range(count)]
+            for row in range(3)
+        ]
+        columns = [f"{data.draw(CELLS)} head{column}" for column in range(count)]
+        text = self.shown(width, columns, rows)
+        for row in rows:
+            assert all(text.count(cell) >= 1 for cell in row)
+        tables = text.split("\n\n")
+        for table in tables:
+            body = table.rstrip("\n").split("\n")[-3:]
+            for line, row in zip(body, rows, strict=True):
+                assert line.startswith(row[0])
+            if max(cell_len(line) for line in table.split("\n")) > width:
+                assert len(re.findall(r"\bhead\d", table)) <= 2, "it could be divided further"
+        words = text.split()
+        assert all(word in words for column in columns for word in column.split())
+
+    def test_columns_go_into_a_further_table_only_where_there_is_no_room(self):
+        columns, rows = ["method", "the rate", "load"], [["a", "1.25 ± 0.25", "7"]]
+        assert self.shown(27, columns, rows) == (
+            "method  the rate     load\na       1.25 ± 0.25  7\n"
+        )
+        assert self.shown(24, columns, rows) == (
+            "method  the rate\na       1.25 ± 0.25\n\nmethod  load\na       7\n"
+        )
+        # Too narrow for anything: whole all the same.
+        assert "a       1.25 ± 0.25" in self.shown(5, columns, rows).splitlines()
+
+    def test_headings_are_broken_between_words_and_the_shortest_last(self):
+        columns = ["key", "energy efficiency (Mbit/J)", "no of it"]
+        text = self.shown(26, columns, [["k", "0.271", "1.5"]])
+        assert text.splitlines() == [
+            *("key  energy      no of it", "     efficiency", "     (Mbit/J)"),
+            "k    0.271       1.5",
+        ]
+
+    def test_a_text_is_broken_between_words_where_that_is_enough(self):
+        rows = [["planner", "CMA-ES over positions and powers"], ["track", "K-Means"]]
+        assert self.shown(30, ["method", "idea"], rows, wraps_last=True).splitlines() == [
+            *("method   idea", "planner  CMA-ES over positions", "         and powers"),
+            "track    K-Means",
+        ]
+
+    def test_what_looks_like_markup_or_a_smiley_is_shown_as_it_is(self, orchid, terminal):
+        screen = terminal()
+        print_table(console(), ["a"], [["[red]x[/red] :smile: \\[b]"]])
+        assert "[red]x[/red] :smile: \\[b]" in screen.text
 
 
 class TestFailure:

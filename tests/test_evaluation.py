@@ -1,24 +1,29 @@
 """``orchid eval``: the same topologies for all, its files, its errors, what interruption leaves."""
 
 import hashlib
+import io
+import itertools
 import json
 import os
 import re
 import shutil
 import signal
 import sys
+from collections import Counter
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from rich.console import Console
 
 from orchid_uav.agents import load_policy
 from orchid_uav.agents.heuristics import Hover, Loiter
 from orchid_uav.agents.learned import Learned
 from orchid_uav.cli.console import print_line
 from orchid_uav.cli.evaluation_display import LineProgress
+from orchid_uav.cli.evaluation_tables import print_tables
 from orchid_uav.cli.main import main
 from orchid_uav.envs import EPISODE_METRICS, Parameters, WorldBatch, evaluation_seeds, notices
 from orchid_uav.experiments import evaluation, evaluation_files, interruption, statistics
@@ -258,6 +263,69 @@ def test_tables_have_a_column_per_setting_and_mark_the_best(evaluate_tiny):
     assert "±" in static
 
 
+def shown_at(width, results, metrics):
+    """The tables of some results on a terminal."""
+    screen = io.StringIO()
+    out = Console(file=screen, width=width, force_terminal=True, highlight=False, color_system=None)
+    print_tables(out, results, metrics)
+    return screen.getvalue()
+
+
+RUN_IDS = ("20261122T211205Z-pf-8-s0-abcd", "20261122T211206Z-pf-8-s1-efgh")
+
+
+def made_up_results(settings, methods=("orchid-random-init-zero", "static-pf-full-power")):
+    """Results of two rules and two runs with their twins, each figure another number."""
+    keys = [(key, None) for key in methods]
+    keys += [(run + twin, run) for run in RUN_IDS for twin in ("", "-zero")]
+    results = []
+    for place, (setting, (key, run)) in enumerate(itertools.product(settings, keys)):
+        figures = {
+            name: {"mean": (1 + place + number / 100) / METRICS[name].scale, "std": None}
+            for number, name in enumerate(METRICS)
+        }
+        spread = figures["rate_jfi"] | {"std": 0.125}
+        described = {"method": key, "run": run, "deterministic": True, "comparable": True}
+        results.append(described | setting._asdict() | figures | {"rate_jfi": spread})
+    return results
+
+
+@pytest.mark.parametrize("width", [60, 80, 100, 140])
+@pytest.mark.parametrize(
+    "settings", [[Setting()], [Setting("tcp", uavs, 100, 12.5, 20.0) for uavs in range(4, 11)]]
+)
+def test_on_a_terminal_no_number_and_no_word_is_broken(width, settings):
+    results = made_up_results(settings)
+    text = shown_at(width, results, list(METRICS))
+    lines = text.splitlines()
+    assert max(map(len, lines)) <= width
+    cells = [re.split(" {2,}", line.rstrip()) for line in lines]
+    shown = Counter(cell.removesuffix(" *") for row in cells for cell in row)
+    for name, metric in METRICS.items():
+        for result in results:
+            value = metric.text(result[name]["mean"])
+            assert shown[value + (" ± 0.125" if name == "rate_jfi" else "")] > 0, (name, value)
+    # Each table has the same rows, called as a reader recognises them.
+    names = ["orchid-random-init-zero", "static-pf-full-power"]
+    names += ["pf-8-s0", "pf-8-s0-zero", "pf-8-s1", "pf-8-s1-zero"]
+    tables = {shown[name] for name in names}
+    assert len(tables) == 1 and tables.pop() >= 2
+    assert not any(run in text for run in RUN_IDS)
+    for word in ("efficiency", "(Mbit/J)", "violations", "JFI"):
+        assert len(settings) > 1 or word in text.split()
+
+
+def test_of_equal_names_and_seeds_the_letters_are_shown():
+    results = made_up_results([Setting()])
+    other = "20261122T211205Z-pf-8-s0-wxyz"
+    results.append(results[-1] | {"method": other, "run": other})
+    text = shown_at(80, results, ["utility"])
+    rows = [line.split()[0] for line in text.splitlines()[1:]]
+    assert rows[2:] == [
+        *("pf-8-s0-abcd", "pf-8-s0-abcd-zero", "pf-8-s1", "pf-8-s1-zero", "pf-8-s0-wxyz"),
+    ]
+
+
 def test_figures_are_drawn_in_both_formats(evaluate_tiny, tmp_path):
     finished = evaluate_tiny("--methods=static-mmf", "--uavs=2,3", "--out=out")
     assert finished.code == 0
@@ -358,6 +426,15 @@ def test_lists_all_methods(evaluate_tiny, tmp_path):
     listed = dict(line.split("\t") for line in finished.out.splitlines()[1:])
     assert set(listed) == set(known_methods())
     assert listed["orchid-zero"] == "orchid with its actions forced to zero"
+    finished = evaluate_tiny("--list", "--json")
+    document = json.loads(finished.out)
+    assert finished.err == ""
+    assert document["schema"] == 1
+    methods = {one["method"]: one for one in document["methods"]}
+    assert {key: one["idea"] for key, one in methods.items()} == listed
+    assert methods["orchid-zero"]["groups"] == ["all", "learned"]
+    assert methods["planner"]["groups"] == ["all", "rules"]
+    assert methods["planner-retargeted"]["groups"] == []
     assert list((tmp_path / "work").iterdir()) == []
 
 

@@ -29,6 +29,7 @@ from orchid_uav.experiments.run_index import (
     read_run,
     short_names,
 )
+from orchid_uav.experiments.run_records import find_run
 from orchid_uav.experiments.run_removal import plan_removal, remove
 from tests.making_runs import begin_run, make_run, reseal, row, rows
 from tests.running import (
@@ -560,7 +561,7 @@ class TestCompare:
         assert (finished.code, finished.err) == (0, "")
         lines = [line.split("\t") for line in finished.out.splitlines()]
         assert lines[0] == ["", *short_names(found)]
-        assert all(re.fullmatch(r"(one|two)-s0-[a-z]{4}", name) for name in lines[0][1:])
+        assert lines[0][1:] == ["one-s0", "two-s0"]
         assert ["reset.kappa", "0.1", "0.5"] in lines
         assert ["rate JFI", "0.500", "0.750", "0.250"] in lines
         configured = [line[0] for line in lines if "." in line[0] and not line[0][0].isdigit()]
@@ -619,15 +620,38 @@ class TestCompare:
             monkeypatch, orchid, 90, "runs", "compare", *(p.name for p in paths), "--runs-dir", runs
         )
         curve = text[text.index("reward, trailing") :]
-        assert re.search(r"^A one-s0-\w+   B two-s0-\w+$", curve, re.MULTILINE)
+        assert re.search(r"^A one-s0   B two-s0$", curve, re.MULTILINE)
         assert curve.isascii()
 
-    def test_ids_are_shortened_only_while_they_stay_different(self, runs):
+    def test_ids_are_shortened_only_while_they_stay_different(self, orchid, runs):
         path = make_run(runs)
-        twin = path.with_name("20200101T000000Z" + path.name[16:])
-        shutil.copytree(path, twin)
-        assert short_names([read_run(path)]) == [path.name[17:]]
-        assert short_names([read_run(path), read_run(twin)]) == [path.name, twin.name]
+        other = path.with_name(f"{path.name[:-4]}zzzz")
+        twin = path.with_name(f"20200101T000000Z{path.name[16:]}")
+        tenth = path.with_name(f"{path.name[:16]}-lab-s10-abcd")
+        mine = path.with_name("my best")
+        for place in (other, twin, tenth, mine):
+            shutil.copytree(path, place)
+        for paths, shown in (
+            ([path], ["lab-s0"]),
+            ([path, tenth, mine], ["lab-s0", "lab-s10", "my best"]),
+            ([path, other], [path.name[17:], "lab-s0-zzzz"]),
+            ([path, twin, tenth], [path.name, twin.name, "lab-s10"]),
+        ):
+            assert short_names([read_run(one) for one in paths]) == shown
+        elsewhere = runs.parent / "elsewhere" / path.name
+        shutil.copytree(path, elsewhere)
+        both = [str(path), str(elsewhere)]
+        assert short_names([read_run(Path(one)) for one in both]) == both
+
+    def test_what_is_shown_of_an_id_is_taken_for_it(self, runs):
+        paths = [make_run(runs, name) for name in ("one", "two", "two")]
+        tenth = make_run(runs, "one", config={"training__seed": 10})
+        found = [*(read_run(path) for path in paths), read_run(tenth)]
+        for name, run in zip(short_names(found), found, strict=True):
+            assert find_run(name, runs) == run.path
+        assert find_run("one-s1", runs) == tenth
+        with pytest.raises(InputError, match="'two-s0' begins 2 runs"):
+            find_run("two-s0", runs)
 
 
 class TestDelete:
