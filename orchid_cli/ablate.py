@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console
 
+from orchid_uav.cli.commands import SEED
 from orchid_uav.cli.configuring import (
     AlgorithmOption,
     ConfigOption,
@@ -112,10 +113,11 @@ def ablate(
             "Held-out topologies that every policy flies (default: 100).",
             min=1,
             max=100_000,
+            metavar="N",
         ),
     ] = 100,
     evaluation_seed: Annotated[
-        int, _option(_STUDY, "Seed of the held-out topologies (default: 0).", min=0, max=2**63 - 1)
+        int, _option(_STUDY, "Seed of the held-out topologies (default: 0).", **SEED)
     ] = 0,
     margin: Annotated[
         float,
@@ -123,9 +125,7 @@ def ablate(
     ] = 0.05,
     out: Annotated[
         Path | None,
-        _option(
-            OUTPUT_PANEL, "Directory of the study (default: ./orchid-ablate/<UTC time>).", "--out"
-        ),
+        _option(OUTPUT_PANEL, "Directory of the study (default: ./orchid-ablate/TIME).", "--out"),
     ] = None,
     as_json: JsonOption = False,
     quiet: QuietOption = False,

@@ -5,6 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
+from orchid_uav.cli.commands import Commands
 from orchid_uav.cli.configuring import (
     AlgorithmOption,
     ConfigOption,
@@ -41,7 +42,7 @@ from orchid_uav.experiments.configuration import (
     preset_layer,
 )
 
-app = typer.Typer()
+app = Commands()
 
 
 @app.callback(invoke_without_command=True)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console
 
+from orchid_uav.cli.commands import SEED
 from orchid_uav.cli.configuring import ConfigOption, SetOption
 from orchid_uav.cli.console import (
     INTERRUPTED,
@@ -60,7 +61,7 @@ def evaluate(
     runs: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="[RUN]...",
+            metavar="RUN",
             help="Runs to fly: ids, beginnings of ids, or paths. Without, the released policies.",
             show_default=False,
         ),
@@ -74,13 +75,14 @@ def evaluate(
         ),
     ] = None,
     stochastic: Annotated[
-        bool, _option(_METHODS, "Fly learned policies with sampled actions as well.")
+        bool,
+        _option(_METHODS, "Fly learned policies with sampled actions as well.", show_default=False),
     ] = False,
     list_methods: Annotated[
         bool, _option(_METHODS, "List all methods, and do nothing else.", "--list")
     ] = False,
     planner_evaluations: Annotated[
-        int, _option(_METHODS, "Plans that the planner judges per topology.", min=31)
+        int, _option(_METHODS, "Plans that the planner judges per topology.", min=31, metavar="N")
     ] = 3000,
     uavs: Annotated[str | None, _setting("Numbers of UAVs, like 4..10 (default: 6).")] = None,
     users: Annotated[
@@ -96,9 +98,9 @@ def evaluate(
         str | None, _setting("Where users are: tcp, uniform, or tcp,uniform (default: tcp).")
     ] = None,
     episodes: Annotated[
-        int, _option(_SETTINGS, "Topologies per setting.", min=1, max=100_000)
+        int, _option(_SETTINGS, "Topologies per setting.", min=1, max=100_000, metavar="N")
     ] = 100,
-    seed: Annotated[int, _option(_SETTINGS, "Seed of the topologies.", min=0, max=2**63 - 1)] = 0,
+    seed: Annotated[int, _option(_SETTINGS, "Seed of the topologies.", **SEED)] = 0,
     config: ConfigOption = None,
     assignments: SetOption = None,
     metrics: Annotated[
@@ -126,7 +128,7 @@ def evaluate(
     The policies trained with 6 UAVs and 100 users fly every setting; lists are crossed. Ctrl-C
     keeps what is done; the same command with the same --out goes on.
 
-    Example: orchid eval --uavs 4..10 --methods orchid,orchid-zero,static-mmf,loiter-mmf
+    Example: orchid eval --uavs 4..10 --methods orchid,orchid-zero,loiter-mmf
     """
     with failing_well(debug):
         show_on_stderr(with_notes=not quiet)

@@ -9,18 +9,14 @@ import typer
 from orchid_uav import __version__
 from orchid_uav.cli import config, runs
 from orchid_uav.cli.ablate import ablate
+from orchid_uav.cli.commands import Commands
 from orchid_uav.cli.console import FAILED, INTERRUPTED, WRONG_INPUT, print_error
 from orchid_uav.cli.eval import evaluate
 from orchid_uav.cli.train import train
 from orchid_uav.envs.notices import show_on_stderr
 from orchid_uav.experiments.output import lasting_output
 
-app = typer.Typer(
-    help="ORCHID: fairness-aware orchestration of UAV base stations.",
-    rich_markup_mode="rich",
-    pretty_exceptions_enable=False,
-    add_completion=True,
-)
+app = Commands(help="ORCHID: fairness-aware orchestration of UAV base stations.")
 app.command()(train)
 app.command("eval")(evaluate)
 app.command()(ablate)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from orchid_uav.cli.commands import Commands
 from orchid_uav.cli.console import (
     FAILED,
     OUTPUT_PANEL,
@@ -32,7 +33,7 @@ from orchid_uav.experiments.run_records import find_run
 if TYPE_CHECKING:
     from orchid_uav.experiments.run_index import Run
 
-app = typer.Typer()
+app = Commands()
 
 _SELECTION, _CURVES = "Selection", "Learning curves"
 _RUN = "A run's id, the beginning of one, or a path."
@@ -119,7 +120,7 @@ def list_runs(
     (rate_jfi, in the unit of its name), or of the record: id, name, status, started, seconds,
     episodes, resets, host.name, versions.torch ... A run whose process is gone is shown as 'died'.
 
-    Example: orchid runs list --where reset.kappa=0.1 --where 'rate_jfi>0.7' --sort -rate_jfi
+    Example: orchid runs list --where 'rate_jfi>0.7' --sort -rate_jfi
     """
     with failing_well(debug):
         from orchid_uav.experiments.files import expanded
@@ -199,7 +200,7 @@ def compare(
 ) -> None:
     """Compare runs: the configuration keys that differ, final figures, learning curves.
 
-    Example: orchid runs compare 20261122T2112 20261122T2115 --metric rate_jfi --out curves.png
+    Example: orchid runs compare 20261122T2112 20261122T2115 --out curves.png
     """
     with failing_well(debug):
         from orchid_uav.experiments.run_index import differences

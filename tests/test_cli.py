@@ -7,6 +7,7 @@ import itertools
 import json
 import os
 import re
+import shlex
 import shutil
 import signal
 import subprocess
@@ -16,6 +17,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+import typer
 from hypothesis import given
 from hypothesis import strategies as st
 from rich.cells import cell_len
@@ -24,6 +26,7 @@ from rich.console import Console
 from orchid_uav.agents import MAPPO, load_policy
 from orchid_uav.cli import display
 from orchid_uav.cli.console import console, print_table
+from orchid_uav.cli.main import app
 from orchid_uav.envs.extras import install_command
 from orchid_uav.experiments import interruption, trackers
 from tests.running import (
@@ -170,7 +173,57 @@ def until_rows_are_written(process, runs_dir, there_before, rows=3):
     raise AssertionError(f"no episodes; exit code {process.poll()}")
 
 
+def commands():
+    """All commands with their parameters, by the words that call them."""
+
+    def below(group, words):
+        for name, command in group.commands.items():
+            if hasattr(command, "commands"):
+                yield from below(command, (*words, name))
+            else:
+                yield (*words, name), command.params
+
+    return dict(below(typer.main.get_command(app), ()))
+
+
+COMMANDS = commands()
+GROUPS = {words[:length] for words in COMMANDS for length in range(len(words))}
+
+
+def ragged(paragraph, room):
+    """Lines of a paragraph that end although the next word would have had room."""
+    return [
+        line
+        for line, following in itertools.pairwise(paragraph)
+        if len(line) + 1 + len(following.split()[0]) <= room
+    ]
+
+
 class TestHelp:
+    @pytest.mark.parametrize("words", sorted({*COMMANDS, *GROUPS}))
+    @pytest.mark.parametrize("width", [80, 100])
+    def test_is_whole_and_flows(self, orchid, monkeypatch, words, width):
+        monkeypatch.setenv("COLUMNS", str(width))
+        text = orchid(*words, "--help").out
+        lines = [line.rstrip() for line in text.splitlines()]
+        assert max(map(len, lines)) <= width
+        assert "…" not in text
+        assert "<bool>" not in text and "BOOLEAN" not in text
+        prose = itertools.takewhile(lambda line: not line.startswith("╭"), lines)
+        for filled, group in itertools.groupby(prose, key=bool):
+            assert not filled or ragged([line.strip() for line in group], width - 2) == []
+        # Names of options and ranges are in one piece, and the example can be copied.
+        for parameter in COMMANDS.get(words, ()):
+            assert all(name in text.split() for name in parameter.opts if name.startswith("--"))
+        assert all(text.count(sign) == text.count(other) for sign, other in ("[]", "()"))
+        ranges = re.findall(r"\[\d*(?:<=)?x\S*", text)
+        assert all(found.endswith("]") for found in ranges)
+        if words in COMMANDS:
+            (example,) = (line for line in lines if line.startswith(" Example: "))
+            code = [word for word in shlex.split(example) if word.startswith("--")]
+            assert set(code) <= {name for one in COMMANDS[words] for name in one.opts}
+            assert lines[lines.index(example) + 1] == ""
+
     def test_the_bare_command_shows_what_there_is(self, orchid):
         finished = orchid()
         assert finished.code == 0
@@ -230,6 +283,32 @@ class TestWrongUsage:
             output = []
         assert_is_an_error(orchid(*arguments, *output), *parts)
         assert new_runs() == []
+
+    @pytest.mark.parametrize(
+        ("words", "option"),
+        [
+            (words, parameter.opts[0])
+            for words, parameters in sorted(COMMANDS.items())
+            for parameter in parameters
+            if parameter.opts[0].startswith("--") and not parameter.is_flag
+        ],
+    )
+    def test_an_empty_value_is_no_default(self, orchid, tmp_path, monkeypatch, words, option):
+        monkeypatch.chdir(tmp_path)
+        required = ["x" for parameter in COMMANDS[words] if parameter.required]
+        for value in ([option, ""], [f"{option}="], [option, " "]):
+            assert_is_an_error(orchid(*words, *required, *value), option)
+        assert list(tmp_path.iterdir()) == []
+
+    def test_nor_is_an_empty_argument(self, orchid, tmp_path, monkeypatch):
+        monkeypatch.chdir(tmp_path)
+        for words in (["eval"], ["runs", "show"], ["runs", "export"], ["runs", "import"]):
+            assert_is_an_error(orchid(*words, ""), "empty")
+        assert list(tmp_path.iterdir()) == []
+
+    def test_a_seed_that_is_too_large_is_told(self, orchid):
+        assert_is_an_error(orchid("eval", f"--seed={2**63}"), "--seed", str(2**63), "2**63")
+        assert_is_an_error(orchid("eval", "--seed=-1"), "--seed", "-1")
 
     def test_a_tracker_whose_package_is_missing_makes_no_run(self, train, new_runs, monkeypatch):
         monkeypatch.setitem(sys.modules, "mlflow", None)

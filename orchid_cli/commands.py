@@ -1,0 +1,88 @@
+"""What all commands have in common: how their help reads, and that no option is empty."""
+
+import inspect
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+
+
+def _below_2_to_the_63(value: int) -> int:
+    if value >= 2**63:
+        raise typer.BadParameter(f"{value} is too large: it is below 2**63")
+    return value
+
+
+SEED: dict[str, Any] = {"min": 0, "metavar": "N", "callback": _below_2_to_the_63}
+"""Of the option of a seed of topologies; its largest value would fill half a line of the help."""
+
+
+class Commands(typer.Typer):
+    """A group of commands, made as every group of ``orchid`` is."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(
+            cls=_Group, rich_markup_mode="rich", pretty_exceptions_enable=False, **options
+        )
+
+    def command(self, name: str | None = None, **options: Any) -> Callable[[Any], Any]:
+        """Register a function; its docstring is the help."""
+        register = super().command
+
+        def decorate(function: Any) -> Any:
+            text = flowing(function.__doc__ or "")
+            return register(name, cls=_Command, help=text, **options)(function)
+
+        return decorate
+
+
+def flowing(text: str) -> str:
+    """Paragraphs without their line breaks, which would be kept on a terminal of any width."""
+    paragraphs = inspect.cleandoc(text).split("\n\n")
+    return "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
+
+
+def _without_types_of_switches(parameters: Sequence[Any]) -> list[Any]:
+    """A switch takes no value, so that no type is to be shown for it."""
+    for parameter in parameters:
+        if getattr(parameter, "is_flag", False):
+            parameter.metavar = ""
+    return list(parameters)
+
+
+class _Command(TyperCommand):
+    def get_params(self, ctx: Any) -> list[Any]:
+        return _without_types_of_switches(super().get_params(ctx))
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        given = list(args)
+        left: list[str] = super().parse_args(ctx, args)
+        if not ctx.resilient_parsing:
+            _check_not_empty(given)
+        return left
+
+
+class _Group(TyperGroup):
+    def get_params(self, ctx: Any) -> list[Any]:
+        return _without_types_of_switches(super().get_params(ctx))
+
+
+def _check_not_empty(arguments: Sequence[str]) -> None:
+    """An empty value is most likely a variable of a script that is not set: no default for it.
+
+    Raises:
+        typer.BadParameter: an option or an argument is empty.
+    """
+    before = ""
+    for argument in arguments:
+        name, separator, value = argument.partition("=")
+        is_option = argument.startswith("--") and bool(separator)
+        if not (value if is_option else argument).strip():
+            option = name if is_option else before if before.startswith("--") else ""
+            if option:
+                raise typer.BadParameter(
+                    "it is empty; give a value, or leave the option out", param_hint=option
+                )
+            raise typer.BadParameter("an argument is empty")
+        before = argument
