@@ -3,7 +3,7 @@
 import hashlib
 import re
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -32,11 +32,13 @@ class CheckpointStore:
         run: the run's directory.
         run_id: the run's id, which every checkpoint names.
         keep: latest checkpoints that stay.
+        former_ids: which those name that are older than the id.
     """
 
-    def __init__(self, run: Path, run_id: str, keep: int) -> None:
+    def __init__(self, run: Path, run_id: str, keep: int, former_ids: Collection[str] = ()) -> None:
         self.folder = run / CHECKPOINTS_FOLDER
         self._run_id = run_id
+        self._known_ids = (run_id, *former_ids)
         self._keep = keep
 
     def episodes(self) -> list[int]:
@@ -136,7 +138,7 @@ class CheckpointStore:
         try:
             document = read_sealed(directory / STATE_FILE, _LARGEST_STATE)
             named = document["schema"], document["run"], document["episode"]
-            if named != (_SCHEMA, self._run_id, episode):
+            if named not in [(_SCHEMA, run_id, episode) for run_id in self._known_ids]:
                 raise ValueError(f"{directory} is checkpoint {named[2]} of run {named[1]}")
             expected = kinds(document)
             checksums = document["files_sha256"]

@@ -14,7 +14,7 @@ from orchid_uav.agents.planner import EVALUATIONS, Planner
 from orchid_uav.envs.arrays import ACTION_SIZE, OBSERVATION_SIZE
 from orchid_uav.experiments.configuration import RunConfig, flatten
 from orchid_uav.experiments.errors import InputError, unknown
-from orchid_uav.experiments.run_records import read_config, read_record, status_of
+from orchid_uav.experiments.run_records import former_ids, read_config, read_record, status_of
 
 ALL, RULES, LEARNED = "all", "rules", "learned"
 """Groups of methods, for ``--methods``."""
@@ -218,12 +218,14 @@ def select(
             name = key.removesuffix(ZERO)
             policy = read_released(name)
             entries += rows_of(policy, name, RELEASED[name], stochastic, key.endswith(ZERO))
-    seen: set[str] = set()
+    seen: dict[str, Path] = {}
     for path in runs:
         policy = read_run(path)
         if policy.run in seen:
-            raise InputError(f"run {policy.run} is given twice")
-        seen.add(policy.run)
+            raise InputError(
+                f"run {policy.run} is given twice, as {seen[policy.run]} and as {path}"
+            )
+        seen[policy.run] = path
         if policy.run in known:
             raise InputError(f"run {policy.run} has the key of a built-in method: rename it")
         for is_zero in (False, True):
@@ -289,7 +291,7 @@ def read_run(path: Path) -> Policy:
         actor = load_policy(path)
     except (OSError, ValueError, InputError) as error:
         raise InputError(f"run {run} cannot be flown: {error}") from error
-    if actor.description.get("run") != run:
+    if actor.description.get("run") not in (run, *former_ids(record)):
         raise InputError(f"the policy in {path} is that of run {actor.description.get('run')}")
     sizes = (actor.observation_size, actor.action_size)
     if sizes != (OBSERVATION_SIZE, ACTION_SIZE):

@@ -22,7 +22,7 @@ from typing import IO, Any, NamedTuple
 from orchid_uav.agents.safe_files import LARGEST_DOCUMENT
 from orchid_uav.experiments.errors import InputError, RunFailedError
 from orchid_uav.experiments.files import json_bytes, share, sync_directory, sync_file
-from orchid_uav.experiments.run_index import read_run
+from orchid_uav.experiments.run_index import Run, read_run
 from orchid_uav.experiments.run_records import CONFIG_FILE, RECORD_FILE
 
 MANIFEST = "manifest.json"
@@ -79,9 +79,7 @@ def export_runs(
     if not force and os.path.lexists(target):
         raise InputError(f"{target} exists: give another name, or --force to replace it")
     runs = [read_run(path) for path in paths]
-    by_id = {str(run.record["id"]): run for run in runs}
-    if len(by_id) < len(runs):
-        raise InputError("a run is given twice")
+    by_id = _by_id(runs)
     files: dict[str, Path] = {}
     left_out: list[str] = []
     for run_id, run in sorted(by_id.items()):
@@ -109,6 +107,15 @@ def export_runs(
     except OSError as error:
         raise InputError(f"cannot write {target}: {error.strerror or error}") from error
     return Exported(target, sorted(by_id), target.stat().st_size, left_out)
+
+
+def _by_id(runs: Sequence[Run]) -> dict[str, Run]:
+    by_id = {str(run.record["id"]): run for run in runs}
+    for run in runs:
+        other = by_id[str(run.record["id"])]
+        if other is not run:
+            raise InputError(f"{run.path} and {other.path} are the same run: give one of them")
+    return by_id
 
 
 def _files_of(directory: Path) -> list[str]:

@@ -30,6 +30,7 @@ from orchid_uav.experiments.run_records import (
     LARGEST_LOG,
     RECORD_FILE,
     Status,
+    former_ids,
     read_config,
     read_record,
 )
@@ -53,6 +54,8 @@ FINAL_EPISODES = 50
 """Last episodes whose means are a run's final figures."""
 _RESERVE_FILE, _RESERVE_SIZE = ".reserve", 2**16
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
+_NOT_IN_IDS = re.compile(r"[^A-Za-z0-9._-]")
+_LONGEST_ID = 150
 _TRIES = 100
 
 
@@ -68,6 +71,8 @@ class RunDirectory:
         self.path = path
         self.record = record
         self.is_resumed = False
+        self.renamed_from: str | None = None
+        """The id until now, where it is gone on with in a directory of another name."""
         self._episodes_size = 0
         self._lock = RunLock(path)
 
@@ -128,6 +133,9 @@ class RunDirectory:
     def reopen(cls, path: Path, config: RunConfig, command: Sequence[str]) -> "RunDirectory":
         """Go on with a run that was interrupted, failed or died, or that is to be extended.
 
+        In a directory that is called otherwise than by its id it is a copy, or was renamed. Either
+        way it gets that name as its id, so that no two runs that go on have the same one.
+
         Args:
             path: its directory.
             config: its configuration, with more episodes perhaps.
@@ -140,6 +148,7 @@ class RunDirectory:
         try:
             run.record = read_record(path)
             run._reserve()  # before anything changes
+            run._be_called_by_its_directory()
             known, episodes = read_config(path, run.record), config.training.episodes
             if config != known:
                 is_longer = episodes > known.training.episodes
@@ -166,6 +175,14 @@ class RunDirectory:
                 raise InputError(f"cannot write to {path}: {error.strerror or error}") from error
             raise
         return run
+
+    def _be_called_by_its_directory(self) -> None:
+        """No directory beside this one has the same name, whatever was copied."""
+        found = _NOT_IN_IDS.sub("-", self.path.resolve().name).lstrip("-._")[:_LONGEST_ID]
+        if found not in ("", self.id):
+            self.renamed_from = self.id
+            self.record["former_ids"] = [*former_ids(self.record), self.id]
+            self.record["id"] = found
 
     def _remove_leftovers(self) -> None:
         """What a process left that died as it replaced a file."""
@@ -210,7 +227,7 @@ class RunDirectory:
 
     @property
     def id(self) -> str:
-        """The run's id, which the directory was named by."""
+        """The run's id, which is its directory's name."""
         return str(self.record["id"])
 
     def append_episodes(self, rows: Iterable[Mapping[str, float]]) -> None:

@@ -30,6 +30,8 @@ from orchid_uav.experiments.run_records import (
     RECORD_FILE,
     SeenStatus,
     check_log,
+    former_ids,
+    name_of,
     read_plain_config,
     read_record,
     resume_command,
@@ -48,6 +50,8 @@ RESUMABLE = ("died", "interrupted", "failed")
 """A run in one of these states can go on."""
 
 _LOG_END_BYTES = 2**16  # three times what the last 50 episodes take
+_RESET = b",1\n"
+"""End of a row of an episode with a reset: the log's last column."""
 
 
 @dataclass(frozen=True)
@@ -57,15 +61,15 @@ class Run:
     path: Path
     status: SeenStatus
     record: Mapping[str, Any]
-    """Of ``run.json``; "episodes" and "final" as they are by now, if the run has not ended."""
+    """Of ``run.json``; "episodes", "reset_episodes" and "final" as they are by now, if the run has
+    not ended."""
     config: Mapping[str, Any]
     """By ``"section.key"``, complete."""
 
     @property
     def id(self) -> str:
         """What it is called on the command line: its directory's name."""
-        is_named = self.path.name not in ("", "..")  # a link by its own name
-        return self.path.name if is_named else self.path.resolve().name
+        return name_of(self.path)
 
     @property
     def planned_episodes(self) -> int:
@@ -221,9 +225,10 @@ def is_number(value: Any) -> bool:
 
 
 def _progress(log: Path) -> dict[str, Any]:
-    """Episodes done and latest figures of a run whose record does not know them yet."""
+    """Episodes, resets and latest figures of a run whose record does not know them yet."""
     try:
         with log.open("rb") as file:
+            resets = [int(line.split(b",")[0]) for line in file if line.endswith(_RESET)]
             size = file.seek(0, os.SEEK_END)
             file.seek(max(0, size - _LOG_END_BYTES))
             lines = file.read(_LOG_END_BYTES).decode().split("\n")[1:-1]  # whole ones
@@ -232,7 +237,11 @@ def _progress(log: Path) -> dict[str, Any]:
         return {}
     if not rows:
         return {}
-    return {"episodes": int(rows[-1]["episode"]), "final": final_figures(rows)}
+    return {
+        "episodes": int(rows[-1]["episode"]),
+        "reset_episodes": resets,
+        "final": final_figures(rows),
+    }
 
 
 def details(run: Run) -> dict[str, Any]:
@@ -240,6 +249,8 @@ def details(run: Run) -> dict[str, Any]:
     record = run.record
     return {
         **run.summary(),
+        "recorded_id": record["id"],
+        "former_ids": former_ids(record),
         "command": record["command"],
         "versions": record["versions"],
         "host": record["host"],

@@ -71,6 +71,15 @@ def read_record(path: Path) -> dict[str, Any]:
     return record
 
 
+def former_ids(record: Mapping[str, Any]) -> list[str]:
+    """Ids of the runs that this one is a copy of, or that it had before it was renamed.
+
+    Its checkpoints and its policy may name them, where they are older than it is.
+    """
+    found = record.get("former_ids", [])
+    return [one for one in found if isinstance(one, str)] if isinstance(found, list) else []
+
+
 def read_plain_config(path: Path, record: Mapping[str, Any]) -> dict[str, Any]:
     """The sections of a run's configuration, as they were written; not validated.
 
@@ -144,6 +153,11 @@ def run_argument(path: Path) -> str:
     except (OSError, InputError):
         is_default = False
     return path.name if is_default else str(path)
+
+
+def name_of(path: Path) -> str:
+    """What a run is called: its directory's name, of a link the link's."""
+    return path.name if path.name not in ("", "..") else path.resolve().name
 
 
 def without_time(run_id: str) -> str:

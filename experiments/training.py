@@ -30,7 +30,7 @@ from orchid_uav.experiments.configuration import RunConfig
 from orchid_uav.experiments.errors import InputError, RunFailedError
 from orchid_uav.experiments.interruption import Interruption, interruption_requests
 from orchid_uav.experiments.run_directory import Row, RunDirectory, final_figures
-from orchid_uav.experiments.run_records import Status
+from orchid_uav.experiments.run_records import Status, former_ids
 from orchid_uav.experiments.trackers import SafeTracker
 from orchid_uav.experiments.training_state import Training
 
@@ -283,7 +283,7 @@ def _learn(
     model = build_model(config, env)  # seeds the environment anew
     model.set_logger(Logger(folder=None, output_formats=[]))
     reset_and_finetune = build_reset_and_finetune(config)
-    checkpoints = CheckpointStore(run.path, run.id, config.checkpoint.keep)
+    checkpoints = CheckpointStore(run.path, run.id, config.checkpoint.keep, former_ids(run.record))
 
     def take(rows: Sequence[Row]) -> None:
         run.append_episodes(rows)

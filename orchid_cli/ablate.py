@@ -32,6 +32,7 @@ from orchid_uav.cli.console import (
     console,
     failing_well,
     print_line,
+    print_next,
     print_note,
     print_warning,
     stdout_for_json_alone,
@@ -153,7 +154,7 @@ def ablate(
         seed_list = parse_counts(seeds, "--seeds", least=0)
         # torch and pyarrow take seconds to import: not before the input is known to be right.
         from orchid_uav.experiments.ablation import Ablation
-        from orchid_uav.experiments.ablation_study import DEFAULT_PARENT, AblationStudy
+        from orchid_uav.experiments.ablation_study import DEFAULT_PARENT, RUNS_FOLDER, AblationStudy
         from orchid_uav.experiments.child_processes import usable_cores
         from orchid_uav.experiments.evaluation_files import make_default_directory
         from orchid_uav.experiments.files import expanded
@@ -187,6 +188,8 @@ def ablate(
         if document["status"] == "failed":
             print_line(console(stderr=True), f"this tries the failed runs again: {again}")
             raise typer.Exit(FAILED)
+        if not (as_json or quiet):
+            print_next(shown, "runs", "list", "--runs-dir", str(directory / RUNS_FOLDER))
 
 
 def _base(given: dict[str, Any]) -> RunConfig:

@@ -30,6 +30,7 @@ from orchid_uav.cli.console import (
     JsonOption,
     console,
     failing_well,
+    print_next_on_terminal,
     print_note,
     print_table,
 )
@@ -105,6 +106,8 @@ def show(
             ],
             wraps_last=True,
         )
+        given = [argument for argument in context.obj[2:] if argument != "--changed"]
+        print_next_on_terminal("train", *given)
 
 
 def _show_changes(config: RunConfig, sources: dict[str, str], preset: str, as_json: bool) -> None:

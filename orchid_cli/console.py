@@ -179,14 +179,26 @@ def _lines(cells: Sequence[str], widths: Sequence[int]) -> str:
     )
 
 
+def plain(text: str) -> str:
+    """Text of a file that may come from anywhere, without what would steer a terminal."""
+    return "".join(one if one.isprintable() else "\N{REPLACEMENT CHARACTER}" for one in text)
+
+
 def print_line(out: Console, text: str) -> None:
     """A line that is neither broken nor read as markup, so that a path in it can be copied."""
     out.print(text, soft_wrap=True, markup=False)
 
 
-def print_next(out: Console, command: Sequence[str]) -> None:
+def print_next(out: Console, *arguments: str) -> None:
     """The command that is likely to be wanted next, to be copied."""
-    print_line(out, f"next: {shlex.join(command)}")
+    print_line(out, plain(f"next: {shlex.join(['orchid', *arguments])}"))
+
+
+def print_next_on_terminal(*arguments: str) -> None:
+    """The same of commands whose output is also read by programs."""
+    out = console()
+    if out.is_terminal:
+        print_next(out, *arguments)
 
 
 @contextmanager

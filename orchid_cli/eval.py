@@ -21,6 +21,7 @@ from orchid_uav.cli.console import (
     console,
     failing_well,
     print_line,
+    print_next,
     print_note,
     print_table,
     stdout_for_json_alone,
@@ -190,6 +191,22 @@ def evaluate(
         if figures:
             print_line(shown, f"figures: {directory / FIGURES_FOLDER / SHEET_FILE}")
         print_line(shown, f"completed: {directory}")
+        if not (as_json or quiet):
+            print_next(shown, *_next_command(settings, context.obj))
+
+
+def _next_command(settings: list["Setting"], given: list[str]) -> list[str]:
+    """The same with other numbers of UAVs; after such a study, seeds of training."""
+    if len(settings) > 1 or settings[0].users <= 10:
+        return ["ablate", "--no-rf"]
+    kept: list[str] = []
+    rest = iter(given)
+    for argument in rest:
+        if argument in ("--uavs", "--out"):
+            next(rest)
+        elif not argument.startswith(("--uavs=", "--out=")):
+            kept.append(argument)
+    return [*kept, "--uavs", "4..10"]
 
 
 def _list_methods(as_json: bool) -> None:

@@ -16,9 +16,11 @@ from orchid_uav.cli.console import (
     console,
     failing_well,
     print_line,
+    print_next_on_terminal,
     print_note,
 )
 from orchid_uav.cli.runs_display import (
+    LIST_COLUMNS,
     columns_that_fit,
     print_comparison,
     print_curves,
@@ -28,7 +30,7 @@ from orchid_uav.cli.runs_display import (
     print_runs,
 )
 from orchid_uav.experiments.errors import InputError, RunFailedError, unknown
-from orchid_uav.experiments.run_records import find_run
+from orchid_uav.experiments.run_records import find_run, run_argument
 
 if TYPE_CHECKING:
     from orchid_uav.experiments.run_index import Run
@@ -142,6 +144,7 @@ def list_runs(
             return
         if not index.runs:
             print_note(f"no runs in {runs_dir}")
+            print_next_on_terminal("train")
             return
         if not chosen:
             print_note(f"none of {len(index.runs)} runs fits")
@@ -152,9 +155,13 @@ def list_runs(
             return
         out = console()
         print_runs(out, shown, wanted or columns_that_fit(out, shown))
+        if wanted is None:
+            _tell_columns_left_out(columns_that_fit(out, shown))
         if len(shown) < len(chosen):
             print_note(f"{len(shown)} of {len(chosen)} runs are shown")
-        print_resume_commands(out, shown)
+        if not print_resume_commands(out, shown) and shown:
+            paths = [run_argument(run.path) for run in shown[:2]]
+            print_next_on_terminal("runs", "compare" if len(paths) > 1 else "show", *paths)
 
 
 @app.command()
@@ -186,6 +193,7 @@ def show(
         print_curves(out, [found], metrics or [_TERMINAL_METRIC], smooth)
         if out_file is not None:
             print_line(out, f"figure: {out_file}")
+        _suggest_flying([found])
 
 
 @app.command()
@@ -226,6 +234,7 @@ def compare(
         print_curves(out, found, metrics or [_TERMINAL_METRIC], smooth)
         if out_file is not None:
             print_line(out, f"figure: {out_file}")
+        _suggest_flying(found)
 
 
 @app.command()
@@ -337,6 +346,21 @@ def import_archive(
             return
         for path in paths:
             print_line(console(), f"imported: {path}")
+        print_next_on_terminal("eval", *map(run_argument, paths))
+
+
+def _tell_columns_left_out(fitting: list[str]) -> None:
+    left_out = [key.rpartition(".")[2] for key in LIST_COLUMNS if key not in fitting]
+    if left_out:
+        print_note(
+            f"no room for {', '.join(left_out)}: a wider terminal shows them, --columns chooses"
+        )
+
+
+def _suggest_flying(runs: "list[Run]") -> None:
+    """Where all of them have a policy."""
+    if all(run.status in ("completed", "interrupted") for run in runs):
+        print_next_on_terminal("eval", *(run_argument(run.path) for run in runs))
 
 
 def _read(names: list[str], runs_dir: Path) -> "list[Run]":
@@ -344,10 +368,10 @@ def _read(names: list[str], runs_dir: Path) -> "list[Run]":
     from orchid_uav.experiments.run_index import read_run
 
     runs = [read_run(find_run(name, expanded(runs_dir))) for name in names]
-    ids = [run.record["id"] for run in runs]
-    for run_id in ids:
-        if ids.count(run_id) > 1:
-            raise InputError(f"run {run_id} is given twice")
+    places = [run.path.resolve() for run in runs]
+    for run, place in zip(runs, places, strict=True):
+        if places.count(place) > 1:
+            raise InputError(f"run {run.id} is given twice")
     return runs
 
 
@@ -375,11 +399,11 @@ def _draw(runs: "list[Run]", path: Path, metrics: list[str], window: int) -> Non
     from orchid_uav.experiments.figure_style import setting_of
     from orchid_uav.experiments.files import expanded
     from orchid_uav.experiments.learning_curves import FORMATS, draw_learning_curves
-    from orchid_uav.experiments.run_index import read_log
+    from orchid_uav.experiments.run_index import read_log, short_names
 
     if path.suffix not in FORMATS:
         raise InputError(f"--out {path} ends in none of {', '.join(FORMATS)}")
-    rows = {run.id: read_log(run) for run in runs}
+    rows = dict(zip(short_names(runs), map(read_log, runs), strict=True))
     if not any(rows.values()):
         raise InputError("there is nothing to draw: none of the runs has an episode")
     groups = {run: [found] for run, found in rows.items()}

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from orchid_uav.cli.console import console, print_line, print_note, print_table
+from orchid_uav.cli.console import console, plain, print_line, print_note, print_table
 
 if TYPE_CHECKING:
     from orchid_uav.experiments.run_index import Run
@@ -36,11 +36,6 @@ _GIVING_WAY = (
 _WRAPPED = ("host", "versions", "resumed", "resets", "checkpoints")
 _MOST_COMMANDS = 5
 _LEAST_PLOT_WIDTH, _MOST_PLOT_WIDTH = 40, 100
-
-
-def plain(text: str) -> str:
-    """Text of a file that may come from anywhere, without what would steer a terminal."""
-    return "".join(one if one.isprintable() else "\N{REPLACEMENT CHARACTER}" for one in text)
 
 
 def print_runs(out: Console, runs: Sequence["Run"], columns: Sequence[str]) -> None:
@@ -90,8 +85,11 @@ def _cells(run: "Run", columns: Iterable[str]) -> list[str]:
     ]
 
 
-def print_resume_commands(out: Console, runs: Sequence["Run"]) -> None:
-    """How to go on with those that died; off a terminal, where the table is read on, on stderr."""
+def print_resume_commands(out: Console, runs: Sequence["Run"]) -> bool:
+    """How to go on with those that died, and whether any did.
+
+    Off a terminal, where the table is read on, on stderr.
+    """
     died = [run for run in runs if run.status == "died"]
     shown = out if out.is_terminal else console(stderr=True)
     for run in died[:_MOST_COMMANDS]:
@@ -99,19 +97,22 @@ def print_resume_commands(out: Console, runs: Sequence["Run"]) -> None:
     if len(died) > _MOST_COMMANDS:
         rest = len(died) - _MOST_COMMANDS
         print_line(shown, f"{rest} more died: list them with --where status=died --json")
+    return bool(died)
 
 
 def print_run(out: Console, run: "Run") -> None:
     """All that is known of one."""
     from orchid_uav.experiments.run_directory import FINAL_EPISODES
     from orchid_uav.experiments.run_index import changed, checkpoints_of, value_text
-    from orchid_uav.experiments.run_records import CONFIG_FILE
+    from orchid_uav.experiments.run_records import CONFIG_FILE, former_ids
 
     record = run.record
     host, versions = record["host"], record["versions"]
     facts = {
         "run": run.id,
         "directory": str(run.path),
+        "recorded as": record["id"] if record["id"] != run.id else None,
+        "formerly": ", ".join(former_ids(record)),
         "status": run.status,
         "error": record["error"],
         "go on with": run.resume,

@@ -37,6 +37,7 @@ from orchid_uav.cli.console import (
     failing_well,
     has_cursor,
     print_line,
+    print_next,
     print_note,
     print_table,
     stdout_for_json_alone,
@@ -50,13 +51,16 @@ from orchid_uav.experiments.run_records import (
     DEFAULT_RUNS_DIR,
     find_run,
     has_checkpoint,
+    name_of,
     read_config,
     read_record,
     resume_command,
+    run_argument,
     status_of,
 )
 
 if TYPE_CHECKING:
+    from orchid_uav.experiments.run_directory import RunDirectory
     from orchid_uav.experiments.training import Reporter, TrainingOutcome
 
 _OF_NEW_RUNS = {
@@ -151,6 +155,7 @@ def train(
                 run = RunDirectory.create(expanded(runs_dir), name, merged, command)
             else:
                 run = RunDirectory.reopen(path, merged, command)
+                _note_new_id(run)
             opened = [trackers.open_tracker(tracker, run.path, merged) for tracker in wanted]
             try:
                 outcome = run_training(merged, run, _reporter(out, quiet), opened, interruption)
@@ -163,6 +168,8 @@ def train(
             print(json.dumps(outcome.summary(), allow_nan=False))
         else:
             _print_outcome(out, outcome)
+            if outcome.status == "completed" and not quiet:
+                print_next(out, "eval", run_argument(run.path))
         if outcome.status == "interrupted":
             _print_continuation(run.path)
             raise typer.Exit(INTERRUPTED)
@@ -195,16 +202,16 @@ def _continuation(context: typer.Context, path: Path) -> tuple[Path, RunConfig]:
     status, episodes = status_of(path, record), context.params["episodes"]
     planned = config.training.episodes
     if status == "running":
-        raise InputError(f"run {record['id']} is still running")
+        raise InputError(f"run {name_of(path)} is still running")
     if episodes is not None and episodes < planned:
         raise InputError(f"--episodes {episodes} is fewer than the {planned} that were planned")
     if status == "completed" and episodes in (None, planned):
         raise InputError(
-            f"run {record['id']} is complete: with --episodes above {planned} it is extended"
+            f"run {name_of(path)} is complete: with --episodes above {planned} it is extended"
         )
     if status == "completed" and not has_checkpoint(path):
         raise InputError(
-            f"run {record['id']} is complete and has no checkpoint to go on from: "
+            f"run {name_of(path)} is complete and has no checkpoint to go on from: "
             f"train a new one with --episodes {episodes}"
         )
     if episodes is not None and episodes > planned:
@@ -218,6 +225,14 @@ def _continuation(context: typer.Context, path: Path) -> tuple[Path, RunConfig]:
         config = extended
     _note_other_versions(record)
     return path, config
+
+
+def _note_new_id(run: "RunDirectory") -> None:
+    if run.renamed_from is not None:
+        print_note(
+            f"this is a copy of run {run.renamed_from}, or it was renamed: from now on its id is "
+            f"{run.id}, as its directory is called"
+        )
 
 
 def _note_other_versions(record: Mapping[str, Any]) -> None:

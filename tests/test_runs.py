@@ -17,7 +17,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from orchid_uav.cli import runs_display
-from orchid_uav.cli.runs_display import LIST_COLUMNS, columns_that_fit, plain
+from orchid_uav.cli.console import plain
+from orchid_uav.cli.runs_display import LIST_COLUMNS, columns_that_fit
 from orchid_uav.experiments import provenance, run_removal
 from orchid_uav.experiments.errors import InputError, RunFailedError
 from orchid_uav.experiments.run_filters import Keys, select
