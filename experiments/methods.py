@@ -14,11 +14,17 @@ from orchid_uav.agents.planner import EVALUATIONS, Planner
 from orchid_uav.envs.arrays import ACTION_SIZE, OBSERVATION_SIZE
 from orchid_uav.experiments.configuration import RunConfig, flatten
 from orchid_uav.experiments.errors import InputError, unknown
+from orchid_uav.experiments.method_keys import (
+    ALL,
+    LEARNED,
+    RELEASED,
+    RULE_IDEAS,
+    RULES,
+    ZERO,
+    known_methods,
+)
 from orchid_uav.experiments.run_records import former_ids, read_config, read_record, status_of
 
-ALL, RULES, LEARNED = "all", "rules", "learned"
-"""Groups of methods, for ``--methods``."""
-ZERO = "-zero"
 METHOD_KEYS = (
     "reward.objective",
     "reward.shares",
@@ -71,16 +77,6 @@ class Entry:
         return replace(self, overrides={**self.overrides, **values})
 
 
-RELEASED = {
-    "orchid": "MAPPO and Reset-and-Finetune: the paper's proposal",
-    "orchid-no-rf": "MAPPO without Reset-and-Finetune",
-    "orchid-pf": "proportional fairness in reward and shares, repeated resets",
-    "orchid-random-init": "trained and flown from random starts",
-    "maddpg-pf": "Baseline 1: MADDPG, proportional fairness",
-    "maddpg-mmf": "Baseline 2: MADDPG, max-min fairness",
-}
-"""The policies that come with the package, in ``orchid_uav.reference``."""
-
 _TUNED_MADDPG = (
     *("--set", "maddpg.actor_learning_rate=1e-5", "--set", "maddpg.critic_learning_rate=3e-3"),
     *("--set", "maddpg.discount=0.97", "--set", "maddpg.preactivation_penalty=0.1"),
@@ -101,43 +97,46 @@ def rules(planner_evaluations: int = EVALUATIONS) -> dict[str, Entry]:
     """The methods that need no training, by their keys."""
     planning = 3.0 * planner_evaluations / 30.0
     entries = [
-        Entry("static-pf", "Baseline 3: hover at the K-Means centroids", _PF, lambda _: Hover()),
-        Entry("static-mmf", "hover at the centroids, max-min shares", _MMF, lambda _: Hover()),
+        Entry("static-pf", RULE_IDEAS["static-pf"], _PF, lambda _: Hover()),
+        Entry("static-mmf", RULE_IDEAS["static-mmf"], _MMF, lambda _: Hover()),
         Entry(
-            "static-pf-full-power", "static-pf at full power", _PF, lambda _: Hover(full_power=True)
+            "static-pf-full-power",
+            RULE_IDEAS["static-pf-full-power"],
+            _PF,
+            lambda _: Hover(full_power=True),
         ),
         Entry(
             "static-mmf-full-power",
-            "static-mmf at full power",
+            RULE_IDEAS["static-mmf-full-power"],
             _MMF,
             lambda _: Hover(full_power=True),
         ),
-        Entry("loiter-pf", "circle the centroids, equal shares", _PF, lambda _: Loiter()),
-        Entry("loiter-mmf", "circle the centroids, max-min shares", _MMF, lambda _: Loiter()),
+        Entry("loiter-pf", RULE_IDEAS["loiter-pf"], _PF, lambda _: Loiter()),
+        Entry("loiter-mmf", RULE_IDEAS["loiter-mmf"], _MMF, lambda _: Loiter()),
         Entry(
             "balanced-loiter",
-            "circle the most balanced of 31 K-Means results",
+            RULE_IDEAS["balanced-loiter"],
             _MMF,
             lambda _: BalancedLoiter(),
             cost=6.0,
         ),
         Entry(
             "track",
-            "K-Means again every 10 s, then circle",
+            RULE_IDEAS["track"],
             _MMF,
             lambda _: Track(),
             cost=3.0,
         ),
         Entry(
             "planner",
-            "CMA-ES over positions and powers, then circle",
+            RULE_IDEAS["planner"],
             _MMF,
             lambda _: Planner(planner_evaluations),
             cost=planning,
         ),
         Entry(
             "balanced-loiter-retargeted",
-            "balanced-loiter that also chooses whom to serve; not in all",
+            RULE_IDEAS["balanced-loiter-retargeted"],
             _MMF,
             lambda _: BalancedLoiter(keeps_targets=False),
             is_comparable=False,
@@ -145,7 +144,7 @@ def rules(planner_evaluations: int = EVALUATIONS) -> dict[str, Entry]:
         ),
         Entry(
             "planner-retargeted",
-            "planner that also chooses whom to serve; not in all",
+            RULE_IDEAS["planner-retargeted"],
             _MMF,
             lambda _: Planner(planner_evaluations, keeps_targets=False),
             is_comparable=False,
@@ -153,12 +152,6 @@ def rules(planner_evaluations: int = EVALUATIONS) -> dict[str, Entry]:
         ),
     ]
     return {entry.key: entry for entry in entries}
-
-
-def known_methods() -> list[str]:
-    """Keys that ``--methods`` takes, besides the groups."""
-    learned = [key + suffix for key in RELEASED for suffix in ("", ZERO)]
-    return [*learned, *rules()]
 
 
 def groups() -> dict[str, list[str]]:

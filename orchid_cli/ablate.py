@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console
 
+from orchid_uav.cli import completion
 from orchid_uav.cli.commands import SEED
 from orchid_uav.cli.configuring import (
     AlgorithmOption,
@@ -79,7 +80,12 @@ def ablate(
     ] = None,
     assignments: Annotated[
         list[str] | None,
-        _option(_VARIANTS, "section.key=value; may be repeated, a variant each.", "--set"),
+        _option(
+            _VARIANTS,
+            "section.key=value; may be repeated, a variant each.",
+            "--set",
+            autocompletion=completion.assignments,
+        ),
     ] = None,
     controls: Annotated[
         str | None,
@@ -95,7 +101,12 @@ def ablate(
     config: ConfigOption = None,
     base: Annotated[
         list[str] | None,
-        _option(_BASE, "section.key=value of the base; may be repeated.", "--base"),
+        _option(
+            _BASE,
+            "section.key=value of the base; may be repeated.",
+            "--base",
+            autocompletion=completion.assignments,
+        ),
     ] = None,
     uavs: UavsOption = None,
     users: UsersOption = None,

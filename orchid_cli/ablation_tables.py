@@ -8,7 +8,7 @@ from rich.console import Console
 
 from orchid_uav.cli.console import print_line, print_table
 from orchid_uav.experiments.ablation import FLOWN, key_of
-from orchid_uav.experiments.methods import ZERO
+from orchid_uav.experiments.method_keys import ZERO
 from orchid_uav.experiments.metrics import METRICS
 from orchid_uav.experiments.run_directory import FINAL_EPISODES
 from orchid_uav.experiments.variants import BASE

@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
+from orchid_uav.cli import completion
 from orchid_uav.cli.console import print_note
 from orchid_uav.experiments.configuration import (
     FLAGS,
@@ -20,8 +21,8 @@ from orchid_uav.experiments.configuration import (
 _FILES, _NETWORK, _LEARNING = "Configuration", "Network", "Learning"
 
 
-def _option(panel: str, text: str, *names: str) -> Any:
-    return typer.Option(*names, help=text, rich_help_panel=panel, show_default=False)
+def _option(panel: str, text: str, *names: str, **more: Any) -> Any:
+    return typer.Option(*names, help=text, rich_help_panel=panel, show_default=False, **more)
 
 
 PresetOption = Annotated[str, _option(_FILES, "Built-in configuration to begin with: paper.")]
@@ -30,7 +31,12 @@ ConfigOption = Annotated[
 ]
 SetOption = Annotated[
     list[str] | None,
-    _option(_FILES, "section.key=value, over the file; may be repeated; lists as 1,2,3.", "--set"),
+    _option(
+        _FILES,
+        "section.key=value, over the file; may be repeated; lists as 1,2,3.",
+        "--set",
+        autocompletion=completion.assignments,
+    ),
 ]
 UavsOption = Annotated[int | None, _option(_NETWORK, "UAVs (paper: 6).")]
 UsersOption = Annotated[int | None, _option(_NETWORK, "Ground users (paper: 100).")]

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console
 
+from orchid_uav.cli import completion
 from orchid_uav.cli.commands import SEED
 from orchid_uav.cli.configuring import ConfigOption, SetOption
 from orchid_uav.cli.console import (
@@ -65,6 +66,7 @@ def evaluate(
             metavar="RUN",
             help="Runs to fly: ids, beginnings of ids, or paths. Without, the released policies.",
             show_default=False,
+            autocompletion=completion.runs,
         ),
     ] = None,
     methods: Annotated[
@@ -73,6 +75,7 @@ def evaluate(
             _METHODS,
             "all, learned, rules, or keys divided by commas (default: all; with RUN, rules).",
             show_default=False,
+            autocompletion=completion.methods,
         ),
     ] = None,
     stochastic: Annotated[
@@ -106,7 +109,11 @@ def evaluate(
     assignments: SetOption = None,
     metrics: Annotated[
         str,
-        _option(OUTPUT_PANEL, "Tables to print: main, all, or names divided by commas."),
+        _option(
+            OUTPUT_PANEL,
+            "Tables to print: main, all, or names divided by commas.",
+            autocompletion=completion.metrics,
+        ),
     ] = "main",
     out: Annotated[
         Path | None,

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from orchid_uav.cli import completion
 from orchid_uav.cli.commands import Commands
 from orchid_uav.cli.console import (
     FAILED,
@@ -41,7 +42,9 @@ _SELECTION, _CURVES = "Selection", "Learning curves"
 _RUN = "A run's id, the beginning of one, or a path."
 _TERMINAL_METRIC = "reward"
 
-RunsArgument = Annotated[list[str], typer.Argument(metavar="RUN", help=_RUN)]
+RunsArgument = Annotated[
+    list[str], typer.Argument(metavar="RUN", help=_RUN, autocompletion=completion.runs)
+]
 RunsDirOption = Annotated[
     Path,
     typer.Option(
@@ -52,6 +55,7 @@ MetricOption = Annotated[
     str | None,
     typer.Option(
         help="Columns of episodes.csv, divided by commas (default: reward; in a figure, six).",
+        autocompletion=completion.figures,
         rich_help_panel=_CURVES,
         show_default=False,
     ),
@@ -85,6 +89,7 @@ def list_runs(
         list[str] | None,
         typer.Option(
             metavar="KEY OP VALUE",
+            autocompletion=completion.run_keys,
             help="Only runs with that; OP is = != < <= > >= or ~ (contains). May be repeated.",
             rich_help_panel=_SELECTION,
             show_default=False,
@@ -94,6 +99,7 @@ def list_runs(
         str,
         typer.Option(
             metavar="[-]KEY,...",
+            autocompletion=completion.sort_keys,
             help="Order; with - the greatest first (default: latest first).",
             rich_help_panel=_SELECTION,
             show_default=False,
@@ -108,6 +114,7 @@ def list_runs(
         str | None,
         typer.Option(
             metavar="KEY,...",
+            autocompletion=completion.run_keys,
             help="Columns of the table behind the id.",
             rich_help_panel=OUTPUT_PANEL,
             show_default=False,
@@ -166,7 +173,7 @@ def list_runs(
 
 @app.command()
 def show(
-    run: Annotated[str, typer.Argument(metavar="RUN", help=_RUN)],
+    run: Annotated[str, typer.Argument(metavar="RUN", help=_RUN, autocompletion=completion.runs)],
     runs_dir: RunsDirOption = Path("runs"),
     metric: MetricOption = None,
     smooth: SmoothOption = 20,

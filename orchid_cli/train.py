@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console
 
+from orchid_uav.cli import completion
 from orchid_uav.cli.configuring import (
     AlgorithmOption,
     ConfigOption,
@@ -106,6 +107,7 @@ def train(
         str | None,
         typer.Option(
             metavar="RUN",
+            autocompletion=completion.runs,
             help="Go on with a run that stopped or died; with more --episodes, extend it.",
             rich_help_panel=OUTPUT_PANEL,
             show_default=False,
@@ -115,6 +117,7 @@ def train(
         list[str] | None,
         typer.Option(
             help="Export figures as well to: tensorboard (always on), mlflow, trackio.",
+            autocompletion=completion.trackers,
             rich_help_panel=OUTPUT_PANEL,
             show_default=False,
         ),

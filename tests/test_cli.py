@@ -26,9 +26,11 @@ from rich.console import Console
 from orchid_uav.agents import MAPPO, load_policy
 from orchid_uav.cli import display
 from orchid_uav.cli.console import console, print_table
-from orchid_uav.cli.main import app
+from orchid_uav.cli.main import app, main
 from orchid_uav.envs.extras import install_command
 from orchid_uav.experiments import interruption, trackers
+from orchid_uav.experiments.configuration import assignment_layer
+from orchid_uav.experiments.methods import known_methods
 from tests.running import (
     COLUMNS,
     ESCAPE,
@@ -42,6 +44,7 @@ from tests.running import (
 )
 
 TINY_TRAIN = ["train", *TINY_FLAGS, "--episodes=3", "--no-rf"]
+FEW_FLIGHTS = ["--episodes=2", "--uavs=2", "--users=20", "--no-figures", "--quiet"]
 ENDLESS = ["train", *TINY_FLAGS, "--episodes=1000000", "--no-rf"]
 COMPLETE = {
     *("run.json", "config.json", "episodes.csv", "policy.safetensors", "policy.json"),
@@ -187,6 +190,7 @@ def commands():
 
 
 COMMANDS = commands()
+METHODS = known_methods()
 GROUPS = {words[:length] for words in COMMANDS for length in range(len(words))}
 
 
@@ -395,7 +399,19 @@ class TestTrain:
         [run] = deep.iterdir()
         lines = finished.out.splitlines()
         assert lines[0] == f"run {run.name} in {run}"
-        assert lines[-1] == f"run directory: {run}"
+        assert lines[-2] == f"run directory: {run}"
+        # In the words of a command that does what it says, however narrow the place is.
+        assert lines[-1] == f"next: orchid eval {run}"
+        assert (
+            orchid(
+                *shlex.split(lines[-1])[2:],
+                "--methods=static-pf",
+                *FEW_FLIGHTS,
+                "--out",
+                runs_dir.parent / "flown",
+            ).code
+            == 0
+        )
         progress = [line for line in lines if line.startswith("episode 3/3: ")]
         assert len(progress) == 1
         for figure in ("reward", "coverage", "energy efficiency", "rate JFI", "load JFI"):
@@ -412,7 +428,7 @@ class TestTrain:
         assert finished.code == 0
         [run] = odd.iterdir()
         assert str(run) in finished.out.splitlines()[0]
-        assert str(run) in finished.out.splitlines()[-1]
+        assert str(run) in finished.out.splitlines()[-2]
 
     def test_a_place_that_knows_only_ascii_gets_the_configuration_too(
         self, start_orchid, monkeypatch
@@ -427,7 +443,7 @@ class TestTrain:
     def test_quietly_shows_no_progress(self, train, new_runs):
         finished = train("--quiet")
         assert finished.err == ""
-        assert "episode 3/3" not in finished.out
+        assert "episode 3/3" not in finished.out and "next:" not in finished.out
         assert str(new_runs()[0]) in finished.out
 
     def test_resets_are_shown(self, orchid, runs_dir):
@@ -547,6 +563,106 @@ class TestOnATerminal:
 
 WORDS = st.text("abc.-[]é漢:", min_size=1, max_size=9)
 CELLS = st.lists(WORDS, max_size=3).map(" ".join)
+
+
+class TestCompletion:
+    """What a shell asks for at a press of the tab key."""
+
+    @pytest.fixture
+    def complete(self, plain_environment, monkeypatch, capsys, tmp_path):
+        """Completions of the last of some words, in a directory with three runs."""
+        monkeypatch.chdir(tmp_path)
+        for name in ("20261122T211205Z-lab-s0-abcd", "20261122T211206Z-lab-s1-efgh", "best"):
+            (tmp_path / "runs" / name).mkdir(parents=True)
+            (tmp_path / "runs" / name / "run.json").touch()
+        (tmp_path / "runs" / "20261122-notes").mkdir()
+
+        def run(*words):
+            monkeypatch.setenv("_ORCHID_COMPLETE", "complete_bash")
+            monkeypatch.setenv("COMP_WORDS", shlex.join(["orchid", *words]))
+            monkeypatch.setenv("COMP_CWORD", str(len(words)))
+            capsys.readouterr()
+            with pytest.raises(SystemExit):
+                main([])
+            printed = capsys.readouterr()
+            assert printed.err == ""
+            return printed.out.split()
+
+        return run
+
+    LAB = ("20261122T211205Z-lab-s0-abcd", "20261122T211206Z-lab-s1-efgh")
+
+    @pytest.mark.parametrize(
+        "words",
+        [
+            ("eval",),
+            ("eval", "best"),
+            ("train", "--resume"),
+            *(("runs", command) for command in ("show", "compare", "delete", "export")),
+        ],
+    )
+    def test_of_runs_are_ids_or_their_parts_behind_the_time(self, complete, words):
+        assert complete(*words, "20261122T") == list(self.LAB)
+        assert complete(*words, "lab-s1") == ["lab-s1-efgh"]
+        assert complete(*words, "b") == ["best"]
+        assert complete(*words, "nothing") == []
+
+    def test_of_runs_are_those_of_the_directory_that_is_given(
+        self, complete, tmp_path, monkeypatch
+    ):
+        (tmp_path / "other" / "mine").mkdir(parents=True)
+        (tmp_path / "other" / "mine" / "run.json").touch()
+        assert complete("runs", "show", "--runs-dir", "other", "m") == ["mine"]
+        assert complete("runs", "show", "--runs-dir", "missing", "m") == []
+        assert complete("runs", "show", "--runs-dir", "runs/best/run.json", "m") == []
+        monkeypatch.setenv("ORCHID_RUNS_DIR", "other")
+        assert complete("runs", "show", "m") == ["mine"]
+
+    def test_of_lists_go_on_behind_the_comma_and_repeat_nothing(self, complete):
+        assert complete("eval", "--methods", "static-m") == ["static-mmf", "static-mmf-full-power"]
+        assert complete("eval", "--methods", "static-mmf,static-m") == [
+            "static-mmf,static-mmf-full-power"
+        ]
+        assert set(complete("eval", "--methods", "")) == {"all", "learned", "rules", *METHODS}
+        assert complete("eval", "--metrics", "util") == ["utility"]
+        assert complete("runs", "show", "x", "--metric", "reward,rate") == ["reward,rate_jfi"]
+        assert complete("runs", "list", "--sort", "seconds,-wor") == ["seconds,-worst_rate_bps"]
+        assert complete("runs", "list", "--columns", "reset.kap") == ["reset.kappa"]
+        assert complete("runs", "list", "--where", "stat") == ["status"]
+        assert complete("train", "--track", "ml") == ["mlflow"]
+
+    @pytest.mark.parametrize(
+        "words", [("train", "--set"), ("eval", "--set"), ("ablate", "--set"), ("ablate", "--base")]
+    )
+    def test_of_keys_end_with_the_sign_and_of_one_show_its_default(self, complete, words):
+        assert complete(*words, "reset.w") == ["reset.window=", "reset.window=50"]
+        found = complete(*words, "reset.")
+        assert found[:2] == ["reset.enabled=", "reset.window="]
+        assert complete(*words, "ppo.hidd") == [
+            "ppo.hidden_sizes=",
+            "ppo.hidden_sizes=[256,256,256]",
+        ]
+        for text in (found[1] + "20", "ppo.hidden_sizes=[256,256,256]", "reward.shares=none"):
+            assignment_layer([text])
+
+    def test_load_nothing_that_is_slow(self, plain_environment, tmp_path):
+        code = (
+            "import atexit, os, sys; from orchid_uav.cli.main import main;"
+            "slow = ('numba', 'sklearn', 'scipy', 'pandas', 'torch', 'pyarrow', 'matplotlib');"
+            "atexit.register(lambda: print([one for one in slow if one in sys.modules]));"
+            "main([])"
+        )
+        for words in ("eval --methods stat", "runs list --sort se", "train --set reset.ka"):
+            variables = {"COMP_WORDS": f"orchid {words}", "_ORCHID_COMPLETE": "complete_bash"}
+            finished = subprocess.run(
+                [sys.executable, "-c", code],
+                env=os.environ | variables | {"COMP_CWORD": str(len(words.split()))},
+                capture_output=True,
+                text=True,
+                check=True,
+            )
+            *found, loaded = finished.stdout.splitlines()
+            assert found and loaded == "[]" and finished.stderr == ""
 
 
 class TestTables:

@@ -6,6 +6,7 @@ import itertools
 import json
 import os
 import re
+import shlex
 import shutil
 import signal
 import sys
@@ -395,6 +396,19 @@ def test_a_backend_of_a_notebook_is_not_asked_for(start_process):
     out, err = process.communicate(timeout=120)
     assert (process.returncode, err) == (0, "")
     assert out.splitlines()[-1].lower() == "agg"
+
+
+def test_ends_with_the_command_that_varies_the_fleet(evaluate_tiny, tmp_path):
+    arguments = ["--methods=static-mmf", "--no-figures"]
+    finished = evaluate_tiny(*arguments, "--out", "mine", "--uavs", "3")
+    kept = [argument for argument in TINY_EVAL if argument != "--uavs=2"]
+    expected = shlex.join(["orchid", *kept, *arguments, "--uavs", "4..10"])
+    assert finished.out.splitlines()[-1] == f"next: {expected}"
+    finished = evaluate_tiny(*arguments, "--uavs=2,3")
+    assert finished.out.splitlines()[-1] == "next: orchid ablate --no-rf"
+    for silent in ("--quiet", "--json"):
+        finished = evaluate_tiny(*arguments, silent)
+        assert "next:" not in finished.out + finished.err
 
 
 def test_goes_to_a_directory_of_its_own_by_default(evaluate_tiny, tmp_path):

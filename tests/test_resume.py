@@ -28,6 +28,7 @@ from orchid_uav.experiments import provenance, training
 from orchid_uav.experiments.checkpoints import CheckpointStore
 from orchid_uav.experiments.errors import InputError, RunFailedError
 from orchid_uav.experiments.interruption import Interruption
+from orchid_uav.experiments.methods import read_run
 from orchid_uav.experiments.run_directory import RunDirectory
 from orchid_uav.experiments.run_records import read_config, read_record, status_of
 from orchid_uav.experiments.trackers import open_tracker
@@ -541,6 +542,39 @@ class TestExtension:
             assert_same(path, whole)
         assert at > 10
 
+    def test_of_a_copy_is_the_same_under_an_id_of_its_own(self, complete, tmp_path, orchid):
+        whole = self.extended(complete, tmp_path / "whole")
+        before = fingerprint(complete)
+        for name, known_as in (("longer", "longer"), ("a copy (2)", "a-copy--2-")):
+            copy = complete.with_name(name)
+            shutil.copytree(complete, copy)
+            finished = orchid("train", "--resume", copy, "--episodes=8", "--quiet")
+            assert finished.code == 0
+            assert f"copy of run {complete.name}" in finished.err and known_as in finished.err
+            # What is left of it are the new checkpoints and the policy, and the old ones too.
+            finished = orchid("train", "--resume", copy, "--episodes=10", "--quiet")
+            assert finished.code == 0
+            assert "copy of run" not in finished.err
+            record = record_of(copy)
+            assert record["id"] == known_as
+            assert record["former_ids"] == [complete.name]
+            assert learned_files(copy) == learned_files(whole)
+            assert json.loads((copy / "policy.json").read_text())["run"] == known_as
+            assert read_run(copy).run == known_as
+        assert fingerprint(complete) == before
+        assert record_of(whole)["id"] == complete.name
+        assert "former_ids" not in record_of(whole)
+
+    def test_of_a_link_keeps_the_id_and_of_a_renamed_run_does_not(self, complete, tmp_path):
+        link = tmp_path / "link"
+        link.symlink_to(complete)
+        config = read_config(complete, read_record(complete))
+        go_on(link, config=config.extended_to(7))
+        assert record_of(complete)["id"] == complete.name
+        moved = complete.rename(tmp_path / "best")
+        go_on(moved, config=config.extended_to(7).extended_to(8))
+        assert record_of(moved)["id"] == "best"
+
     def test_of_a_complete_run_without_checkpoints_does_not_throw_its_episodes_away(
         self, complete, orchid
     ):
@@ -622,6 +656,7 @@ class TestDamage:
         self.goes_on_from(path, whole, 2, damaged=(5, 3))
 
     def test_another_runs_state_is_not_taken_for_its_own(self, whole, stopped, tmp_path):
+        reseal(stopped / "run.json", former_ids="20260101T000000Z-lab-s0-wxyz")  # no list
         other = interrupted(tmp_path / "other", case(self.NAME, training__seed=1), 5)
         shutil.rmtree(stopped / "checkpoints" / "5")
         shutil.copytree(other / "checkpoints" / "5", stopped / "checkpoints" / "5")

@@ -5,6 +5,7 @@ import io
 import json
 import os
 import re
+import shlex
 import shutil
 import statistics
 import subprocess
@@ -261,10 +262,24 @@ class TestList:
         path = make_run(runs, "quite-a-long-name")
         for width in (80, 100, 140, 200):
             text = on_terminal(monkeypatch, orchid, width, "runs", "list", "--runs-dir", runs)
-            lines = text.splitlines()
+            *lines, last = text.splitlines()
+            note = lines.pop() if lines[-1].startswith("note: ") else ""
             assert all(len(line) <= width for line in lines)
             assert path.name in text
             assert "status" in lines[0] and "episodes" in lines[0]
+            # What has no room is named as --columns takes it.
+            told = re.search("no room for (.*):", note)
+            left_out = told[1].split(", ") if told else []
+            assert width < 200 or not left_out
+            for key in left_out:
+                finished = orchid("runs", "list", "--runs-dir", runs, "--columns", key)
+                assert finished.code == 0
+            if width == 80:
+                assert left_out == [
+                    *("algorithm", "seed", "energy_efficiency_bit_per_joule", "load_jfi"),
+                    "worst_rate_bps",
+                ]
+            assert last == f"next: orchid runs show {path}"
         assert "worst user's rate (Mbit/s)" in lines[0]
 
     def test_columns_are_left_out_only_where_there_is_no_room(self, runs):
@@ -499,6 +514,21 @@ class TestShow:
         finished = orchid("runs", "show", path.name, "--runs-dir", runs, "--json")
         assert json.loads(finished.out)["figure"] is None
 
+    def test_of_a_running_one_tells_of_its_resets_too(self, orchid, runs):
+        live = begin_run(runs, episodes=900)
+        log = rows(700)  # more than is read of the log's end
+        for episode in (2, 11, 650):
+            log[episode - 1]["reset"] = 1.0
+        live.append_episodes(log)
+        with (live.path / "episodes.csv").open("a") as file:
+            file.write("701,0.5,1")  # the line that is just being written
+        arguments = ["runs", "show", live.id, "--runs-dir", runs]
+        assert "resets\tafter episode 2, 11, 650\n" in orchid(*arguments).out
+        assert json.loads(orchid(*arguments, "--json").out)["reset_episodes"] == [2, 11, 650]
+        finished = orchid("runs", "list", "--runs-dir", runs, "--columns", "resets")
+        assert finished.out.splitlines()[1].split("\t")[1] == "3"
+        live.finish("completed", log, [2, 11, 650], 1.0)
+
     def test_of_one_that_can_go_on_says_how(self, orchid, runs):
         path = make_run(runs, status="interrupted", log=rows(1))
         finished = orchid("runs", "show", path.name, "--runs-dir", runs, "--json")
@@ -643,6 +673,35 @@ class TestCompare:
         shutil.copytree(path, elsewhere)
         both = [str(path), str(elsewhere)]
         assert short_names([read_run(Path(one)) for one in both]) == both
+
+    def test_copies_are_told_apart(self, orchid, runs, tmp_path):
+        path = make_run(runs)
+        copy, namesake = runs / "copy", tmp_path / "elsewhere" / path.name
+        for place in (copy, namesake):
+            shutil.copytree(path, place)
+        compare = ["runs", "compare", "--runs-dir", runs]
+        for other, names in ((copy, ["lab-s0", "copy"]), (namesake, [str(path), str(namesake)])):
+            finished = orchid(*compare, path, other)
+            assert finished.out.splitlines()[0].split("\t")[1:] == names
+        assert_is_an_error(orchid(*compare, path, path.name), "given twice")
+        target = tmp_path / "both.zip"
+        finished = orchid("runs", "export", path, copy, "--out", target)
+        assert_is_an_error(finished, str(path), str(copy), "the same run")
+        assert not target.exists()
+        shown = orchid("runs", "show", "copy", "--runs-dir", runs).out
+        assert "run\tcopy\n" in shown and f"recorded as\t{path.name}\n" in shown
+        reseal(copy, id="copy", former_ids=[path.name])
+        shown = orchid("runs", "show", "copy", "--runs-dir", runs).out
+        assert f"formerly\t{path.name}\n" in shown and "recorded as" not in shown
+        assert orchid("runs", "export", path, copy, "--out", target).code == 0
+        assert orchid("runs", "import", target, "--runs-dir", tmp_path / "new").code == 0
+        ids = {one.name for one in (tmp_path / "new").iterdir()}
+        assert ids == {"copy", path.name}
+
+    def test_in_its_own_directory_a_run_is_called_as_elsewhere(self, orchid, runs, monkeypatch):
+        path = make_run(runs)
+        monkeypatch.chdir(path)
+        assert json.loads(orchid("runs", "show", ".", "--json").out)["id"] == path.name
 
     def test_what_is_shown_of_an_id_is_taken_for_it(self, runs):
         paths = [make_run(runs, name) for name in ("one", "two", "two")]
@@ -922,3 +981,56 @@ class TestStart:
     def test_what_the_log_of_a_whole_run_says_is_read_back(self, runs):
         path = make_run(runs, episodes=5)
         assert read_log(read_run(path)) == [row(episode) for episode in range(1, 6)]
+
+
+class TestNext:
+    """On a terminal, commands whose output programs read suggest another one."""
+
+    def suggested(self, monkeypatch, orchid, *arguments):
+        text = on_terminal(monkeypatch, orchid, 40, *arguments)  # far too narrow for a command
+        (line,) = (line for line in text.splitlines() if line.startswith("next: "))
+        assert text.splitlines()[-1] == line
+        return shlex.split(line.removeprefix("next: "))
+
+    def test_is_what_can_be_done_with_the_runs(self, monkeypatch, orchid, runs):
+        one = make_run(runs, "one")
+        assert self.suggested(monkeypatch, orchid, "runs", "show", one) == [
+            *("orchid", "eval", str(one)),
+        ]
+        monkeypatch.setenv("ORCHID_RUNS_DIR", str(runs))
+        two = make_run(runs, "two", status="interrupted")
+        reseal(two, started="2099-01-01T00:00:00+00:00")
+        names = [two.name, one.name]
+        for command in ("list", "compare"):
+            given = names if command == "compare" else []
+            following = ["runs", "compare"] if command == "list" else ["eval"]
+            assert self.suggested(monkeypatch, orchid, "runs", command, *given) == [
+                *("orchid", *following, *names),
+            ]
+
+    def test_of_one_that_died_is_how_it_goes_on(self, monkeypatch, orchid, runs):
+        path = make_run(runs, status="died", log=rows(1))
+        make_run(runs)
+        arguments = ["--runs-dir", runs]
+        text = on_terminal(monkeypatch, orchid, 40, "runs", "list", *arguments)
+        assert text.splitlines()[-1] == f"died, go on with: orchid train --resume {path}"
+        assert "next:" not in text
+        text = on_terminal(monkeypatch, orchid, 40, "runs", "show", path, *arguments)
+        assert f"orchid train --resume {path}" in text and "next:" not in text
+
+    def test_of_an_empty_directory_is_to_train(self, monkeypatch, orchid, runs):
+        suggested = self.suggested(monkeypatch, orchid, "runs", "list", "--runs-dir", runs)
+        assert suggested == ["orchid", "train"]
+
+    def test_of_a_configuration_is_to_train_with_it(self, monkeypatch, orchid, runs):
+        given = ["--seed", "3", "--set", "ppo.hidden_sizes=[16, 16]"]
+        suggested = self.suggested(monkeypatch, orchid, "config", "show", *given)
+        assert suggested == ["orchid", "train", *given]
+
+    def test_is_no_part_of_what_programs_read(self, orchid, runs):
+        path = make_run(runs)
+        for arguments in (["list"], ["show", path], ["compare", path, make_run(runs)]):
+            for form in ([], ["--json"]):
+                finished = orchid("runs", *arguments, *form, "--runs-dir", runs)
+                assert "next:" not in finished.out + finished.err
+        assert "next:" not in orchid("config", "show").out

@@ -1,0 +1,37 @@
+"""What methods are called: keys and groups, without the methods, which take a second to import."""
+
+ALL, RULES, LEARNED = "all", "rules", "learned"
+"""Groups of methods, for ``--methods``."""
+ZERO = "-zero"
+"""End of the key of a learned policy's twin without actions."""
+
+RELEASED = {
+    "orchid": "MAPPO and Reset-and-Finetune: the paper's proposal",
+    "orchid-no-rf": "MAPPO without Reset-and-Finetune",
+    "orchid-pf": "proportional fairness in reward and shares, repeated resets",
+    "orchid-random-init": "trained and flown from random starts",
+    "maddpg-pf": "Baseline 1: MADDPG, proportional fairness",
+    "maddpg-mmf": "Baseline 2: MADDPG, max-min fairness",
+}
+"""The policies that come with the package, in ``orchid_uav.reference``."""
+
+RULE_IDEAS = {
+    "static-pf": "Baseline 3: hover at the K-Means centroids",
+    "static-mmf": "hover at the centroids, max-min shares",
+    "static-pf-full-power": "static-pf at full power",
+    "static-mmf-full-power": "static-mmf at full power",
+    "loiter-pf": "circle the centroids, equal shares",
+    "loiter-mmf": "circle the centroids, max-min shares",
+    "balanced-loiter": "circle the most balanced of 31 K-Means results",
+    "track": "K-Means again every 10 s, then circle",
+    "planner": "CMA-ES over positions and powers, then circle",
+    "balanced-loiter-retargeted": "balanced-loiter that also chooses whom to serve; not in all",
+    "planner-retargeted": "planner that also chooses whom to serve; not in all",
+}
+"""The methods that need no training."""
+
+
+def known_methods() -> list[str]:
+    """Keys that ``--methods`` takes, besides the groups."""
+    learned = [key + suffix for key in RELEASED for suffix in ("", ZERO)]
+    return [*learned, *RULE_IDEAS]

@@ -1,0 +1,122 @@
+"""What a shell completes: run ids, methods, metrics and keys.
+
+A shell waits for it at every press of the tab key, so that nothing slow is imported; and whatever
+goes wrong, nothing is printed between what is being typed.
+"""
+
+import os
+from collections.abc import Callable, Iterable
+from functools import wraps
+from pathlib import Path
+
+import typer
+
+_Completer = Callable[[typer.Context, str], list[str]]
+
+
+def _silent(complete: _Completer) -> _Completer:
+    @wraps(complete)
+    def quietly(ctx: typer.Context, incomplete: str) -> list[str]:
+        try:
+            return complete(ctx, incomplete)
+        except Exception:  # of what is in the files or the environment, told when they are used
+            return []
+
+    return quietly
+
+
+def _listed(known: Iterable[str], incomplete: str, sign: str = "") -> list[str]:
+    """Completions of the last one of names divided by commas, each of which is given once."""
+    before, comma, last = incomplete.rpartition(",")
+    given = {one.removeprefix(sign) for one in before.split(",")}
+    order = sign if sign and last.startswith(sign) else ""
+    return [before + comma + order + name for name in known if name not in given]
+
+
+@_silent
+def runs(ctx: typer.Context, incomplete: str) -> list[str]:
+    """Ids, or their parts behind the time; a shell completes paths itself."""
+    from orchid_uav.experiments.run_records import RECORD_FILE, without_time
+
+    given = ctx.params.get("runs_dir") or os.environ.get("ORCHID_RUNS_DIR") or "runs"
+    directory = Path(given).expanduser()
+    with os.scandir(directory) as entries:
+        names = [entry.name for entry in entries if entry.name[0] != "."]
+    fitting = [name for name in names if name.startswith(incomplete)] or [
+        without_time(name) for name in names
+    ]
+    by_name = {without_time(name): name for name in names} | {name: name for name in names}
+    return [
+        name
+        for name in sorted(fitting)
+        if name.startswith(incomplete) and (directory / by_name[name] / RECORD_FILE).is_file()
+    ]
+
+
+@_silent
+def methods(ctx: typer.Context, incomplete: str) -> list[str]:
+    """Keys and groups."""
+    from orchid_uav.experiments.method_keys import ALL, LEARNED, RULES, known_methods
+
+    return _listed([ALL, LEARNED, RULES, *known_methods()], incomplete)
+
+
+@_silent
+def metrics(ctx: typer.Context, incomplete: str) -> list[str]:
+    """Of an evaluation."""
+    from orchid_uav.experiments.metrics import METRICS
+
+    return _listed(["main", "all", *METRICS], incomplete)
+
+
+@_silent
+def figures(ctx: typer.Context, incomplete: str) -> list[str]:
+    """Columns of ``episodes.csv``."""
+    from orchid_uav.experiments.run_index import FIGURES
+
+    return _listed(FIGURES, incomplete)
+
+
+@_silent
+def assignments(ctx: typer.Context, incomplete: str) -> list[str]:
+    """Keys of the configuration; of the only one that fits, its default as well.
+
+    Two completions of one key also keep a shell from adding a space behind the sign.
+    """
+    from orchid_uav.experiments.configuration import RunConfig, flatten
+    from orchid_uav.experiments.run_index import value_text
+
+    fitting = {
+        key: value for key, value in flatten(RunConfig()).items() if key.startswith(incomplete)
+    }
+    if len(fitting) != 1:
+        return [f"{key}=" for key in fitting]
+    ((key, value),) = fitting.items()
+    return [f"{key}=", f"{key}={value_text(value).replace(' ', '')}"]
+
+
+@_silent
+def run_keys(ctx: typer.Context, incomplete: str) -> list[str]:
+    """What runs can be listed by."""
+    return _listed(_run_keys(), incomplete)
+
+
+@_silent
+def sort_keys(ctx: typer.Context, incomplete: str) -> list[str]:
+    """The same, perhaps with a minus."""
+    return _listed(_run_keys(), incomplete, sign="-")
+
+
+@_silent
+def trackers(ctx: typer.Context, incomplete: str) -> list[str]:
+    """For ``--track``."""
+    from orchid_uav.experiments.trackers import TRACKERS
+
+    return list(TRACKERS)
+
+
+def _run_keys() -> list[str]:
+    from orchid_uav.experiments.configuration import configuration_keys
+    from orchid_uav.experiments.run_index import FIGURES, RECORD_KEYS
+
+    return [*RECORD_KEYS, *FIGURES, *configuration_keys()]
