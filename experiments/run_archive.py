@@ -114,7 +114,7 @@ def _by_id(runs: Sequence[Run]) -> dict[str, Run]:
     for run in runs:
         other = by_id[str(run.record["id"])]
         if other is not run:
-            raise InputError(f"{run.path} and {other.path} are the same run: give one of them")
+            raise InputError(f"run {other.id} is given twice, as {run.path} and as {other.path}")
     return by_id
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from rich.console import Console
 
-from orchid_uav.cli.console import print_line, print_table
+from orchid_uav.cli.console import print_line, print_table, print_text
 from orchid_uav.experiments.ablation import FLOWN, key_of
 from orchid_uav.experiments.method_keys import ZERO
 from orchid_uav.experiments.metrics import METRICS
@@ -40,15 +40,18 @@ _ROOM = 105
 def print_ablation(out: Console, document: Mapping[str, Any]) -> None:
     """The effects, then what they are differences of, then when the trigger would have fired."""
     for kind, title in KINDS.items():
-        print_line(out, f"\n{title}: variant - base, paired by seed")
+        print_line(out, "")
+        print_text(out, f"{title}: variant - base, paired by seed")
         _print_comparisons(out, comparison_rows(document, kind))
-    print_line(out, "\nheld-out topologies: interquartile means over seeds, and means of the rest")
+    print_line(out, "")
+    print_text(out, "held-out topologies: interquartile means over seeds, and means of the rest")
     heads = ["policy", *(METRICS[figure].heading for figure in FLOWN)]
     print_table(out, heads, list(reached_rows(document)))
     for name, table in document["replayed_trigger"].items():
-        print_line(
+        print_line(out, "")
+        print_text(
             out,
-            f"\nReset-and-Finetune's trigger on {name}: runs in which it fires, and at "
+            f"Reset-and-Finetune's trigger on {name}: runs in which it fires, and at "
             "which episode (median)",
         )
         print_table(out, *trigger_table(table))

@@ -189,6 +189,11 @@ def print_line(out: Console, text: str) -> None:
     out.print(text, soft_wrap=True, markup=False)
 
 
+def print_text(out: Console, text: str) -> None:
+    """A sentence, which a terminal that is too narrow gets broken between words."""
+    print_line(out, "\n".join(_broken(text, out.width)) if out.is_terminal else text)
+
+
 def print_next(out: Console, *arguments: str) -> None:
     """The command that is likely to be wanted next, to be copied."""
     print_line(out, plain(f"next: {shlex.join(['orchid', *arguments])}"))

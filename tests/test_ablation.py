@@ -579,7 +579,7 @@ class TestFinished:
         out = Console(file=screen, width=width, force_terminal=True, color_system=None)
         print_ablation(out, document_of(finished.path))
         lines = [line.rstrip() for line in screen.getvalue().splitlines()]
-        assert max(map(len, lines)) <= max(width, 105)  # titles are not broken
+        assert max(map(len, lines)) <= width
         heads = [line for line in lines if line.startswith("figure ")]
         assert len(heads) == 3
         for name in ("difference [95 %]", "P(better)", "p (Holm)", "verdict"):

@@ -493,7 +493,8 @@ class TestShow:
         text = on_terminal(monkeypatch, orchid, 90, "runs", "show", path.name, "--runs-dir", runs)
         assert "reward, trailing means of 20 episodes" in text
         assert re.search("[\u2801-\u28ff]", text)
-        curve = text[text.index("reward, trailing") :].splitlines()
+        *curve, following = text[text.index("reward, trailing") :].splitlines()
+        assert following == f"next: orchid eval {path}"
         assert all(len(line) <= 90 for line in curve)
 
     def test_draws_the_curve_of_one_run(self, orchid, runs, tmp_path):
@@ -686,7 +687,7 @@ class TestCompare:
         assert_is_an_error(orchid(*compare, path, path.name), "given twice")
         target = tmp_path / "both.zip"
         finished = orchid("runs", "export", path, copy, "--out", target)
-        assert_is_an_error(finished, str(path), str(copy), "the same run")
+        assert_is_an_error(finished, str(path), str(copy), "given twice")
         assert not target.exists()
         shown = orchid("runs", "show", "copy", "--runs-dir", runs).out
         assert "run\tcopy\n" in shown and f"recorded as\t{path.name}\n" in shown
