@@ -2,7 +2,6 @@
 
 import shlex
 import sys
-import textwrap
 import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext, redirect_stdout
@@ -150,10 +149,17 @@ def _fitted(part: Sequence[list[str]], room: int) -> list[list[str]]:
 
 
 def _broken(text: str, width: int) -> list[str]:
-    """Lines of text that is broken between words alone."""
-    return textwrap.wrap(text, max(width, 1), break_long_words=False, break_on_hyphens=False) or [
-        ""
-    ]
+    """Lines of text that is broken between words alone, some characters being two cells wide."""
+    if cell_len(text) <= width:
+        return [text]
+    lines: list[str] = []
+    for word in text.split():
+        longer = f"{lines[-1]} {word}" if lines else word
+        if lines and cell_len(longer) <= width:
+            lines[-1] = longer
+        else:
+            lines.append(word)
+    return lines
 
 
 def _print_part(out: Console, part: Sequence[Sequence[str]]) -> None:
