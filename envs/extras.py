@@ -1,11 +1,11 @@
 """Packages that only some users need, each an extra of this project."""
 
 import importlib
-import importlib.util
 import re
 import shlex
 import shutil
 import sys
+from importlib.machinery import PathFinder
 from importlib.metadata import requires
 from types import ModuleType
 
@@ -32,7 +32,8 @@ def install_command(extra: str) -> str:
     in a package index, where pip does not find the checkout that it was installed from.
     """
     command = [sys.executable, "-m", "pip", "install"]
-    if importlib.util.find_spec("pip") is None and shutil.which("uv"):
+    # importlib.util.find_spec("pip") would also wake what setuptools waits with for pip.
+    if PathFinder.find_spec("pip") is None and shutil.which("uv"):
         command = ["uv", "pip", "install", "--python", sys.executable]
     return _as_typed([*command, *(extra_requirements(extra) or [extra])])
 

@@ -123,7 +123,7 @@ class TestDependencies:
     def test_where_pip_is_missing_the_hint_is_for_uv(self, monkeypatch):
         monkeypatch.setattr(sys, "platform", "linux")
         monkeypatch.setattr(sys, "executable", "/venv/bin/python")
-        monkeypatch.setattr(extras.importlib.util, "find_spec", lambda name: None)
+        monkeypatch.setattr(extras.PathFinder, "find_spec", lambda name: None)
         monkeypatch.setattr(extras.shutil, "which", lambda name: f"/usr/bin/{name}")
         assert extras.install_command("supersuit") == (
             "uv pip install --python /venv/bin/python 'supersuit>=3.10'"
