@@ -8,6 +8,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, TextIO
 
+_UNKNOWN = "replace"
+"""What becomes of "³" where only ASCII is known, and of names of files that are no text."""
+
 
 class _Lasting(io.RawIOBase):
     """Writes where another stream does; once that fails, what comes is dropped."""
@@ -71,14 +74,17 @@ def lasting_output() -> Iterator[Output]:
 def _made_lasting(stream: TextIO) -> tuple[TextIO, _Lasting | None]:
     buffer: Any = getattr(stream, "buffer", None)
     raw = getattr(buffer, "raw", buffer)  # the same where Python is told not to buffer
-    if not isinstance(stream, io.TextIOWrapper) or not isinstance(raw, io.RawIOBase):
+    if not isinstance(stream, io.TextIOWrapper):
+        return stream, None
+    if not isinstance(raw, io.RawIOBase):
+        stream.reconfigure(errors=_UNKNOWN)
         return stream, None
     lasting = _Lasting(raw)
     binary: Any = lasting if raw is buffer else io.BufferedWriter(lasting)
     made = io.TextIOWrapper(
         binary,
         encoding=stream.encoding,
-        errors="replace",  # "³" where only ASCII is known
+        errors=_UNKNOWN,
         line_buffering=stream.line_buffering,
         write_through=stream.write_through,
     )

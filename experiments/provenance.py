@@ -3,7 +3,6 @@
 import os
 import platform
 import subprocess
-import sys
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -85,8 +84,9 @@ def _git(directory: Path, *arguments: str) -> str:
 
 
 def _processor_name() -> str:
-    if sys.platform == "linux":
-        for line in Path("/proc/cpuinfo").read_text(errors="replace").splitlines():
+    described = Path("/proc/cpuinfo")  # of Linux, and not in every container
+    if described.is_file():
+        for line in described.read_text(errors="replace").splitlines():
             if line.startswith("model name"):
                 return line.partition(":")[2].strip()
     return platform.processor()

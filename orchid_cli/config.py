@@ -87,7 +87,7 @@ def show(
     With --json alone the document can be used as a --config file. docs/configuration.md says of
     every key what it means.
 
-    Example: orchid config show --config lab.toml --set uav.max_speed_mps=20 --changed
+    Example: orchid config show --config lab.toml --uavs 8 --changed
     """
     with failing_well(debug):
         merged, sources = configuration(context)

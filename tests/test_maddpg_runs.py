@@ -112,7 +112,7 @@ class TestConfiguration:
             (["--config", file, "--no-rf"], "false", "--no-rf"),
         ):
             lines = orchid("config", "show", *arguments).out.splitlines()
-            assert f"reset.enabled\t{value}\t\t{source}" in lines, arguments
+            assert f"reset.enabled\t{value}\t\ttrue, false\t{source}" in lines, arguments
 
     def test_the_algorithm_that_counts_is_the_last_one_named(self, tmp_path):
         file = tmp_path / "lab.json"

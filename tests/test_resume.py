@@ -400,6 +400,13 @@ def watch_all(patch, tell) -> None:
     patch.setattr(torch.optim.Adam, "step", learning)
 
 
+_KILLED_IN = ("fly", "learn", "write", "fsync")
+
+
+def _places(steps, kind):
+    return [place for place, step in enumerate(steps) if step == kind]
+
+
 class TestKilled:
     @pytest.mark.parametrize("name", ["mappo, resets", "maddpg, three worlds"])
     def test_at_any_step_of_flying_learning_and_writing_and_again(self, name, runs_dir, tmp_path):
@@ -410,9 +417,11 @@ class TestKilled:
             watch_all(patch, steps.append)
             whole = begin(runs_dir, config)
         draw, kinds, made_anew = random.Random(name), set(), 0
+        of_each_kind = [draw.choice(_places(steps, kind)) for kind in _KILLED_IN]
         for trial in range(10):
             here = tmp_path / str(trial)
-            at, again = draw.randrange(len(steps)), draw.randrange(len(steps))
+            at = of_each_kind[trial] if trial < len(of_each_kind) else draw.randrange(len(steps))
+            again = draw.randrange(len(steps))
             assert killed_at_step(lambda: begin(here, config), at + 1, watch_all)  # noqa: B023
             kinds.add(steps[at])
             [path] = here.iterdir() if here.is_dir() else [here / "none"]
@@ -431,7 +440,7 @@ class TestKilled:
                 go_on(path, audience)
                 assert audience.warnings == [], f"killed at steps {at} and {again}"
             assert_same(path, whole)
-        assert {"fly", "learn", "write", "fsync"} <= kinds
+        assert set(_KILLED_IN) <= kinds
         assert made_anew <= 2
 
     def test_while_a_file_is_replaced_leaves_no_litter_behind(self, runs_dir, tmp_path):

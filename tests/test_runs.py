@@ -510,7 +510,7 @@ class TestShow:
             else:
                 assert finished.out.splitlines()[-1] == f"figure: {target}"
             text = target.read_text()
-            assert f">{path.name}<" in text and ">7 UAVs, " in text
+            assert ">lab-s0<" in text and ">7 UAVs, " in text
             target.unlink()
         finished = orchid("runs", "show", path.name, "--runs-dir", runs, "--json")
         assert json.loads(finished.out)["figure"] is None

@@ -847,7 +847,8 @@ class TestCommands:
         reseal(copy / "run.json", status="interrupted", episodes=5)
         finished = self.resume(orchid, copy)
         assert finished.code == 0, finished.err
-        [warning] = finished.err.splitlines()
+        note, warning = finished.err.splitlines()
+        assert note.startswith("note: ") and "copy" in note  # the directory has another name
         assert warning.startswith("warning: checkpoint 6 cannot be used: ")
         assert learned_files(copy) == learned_files(run.path)
 
