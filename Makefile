@@ -16,7 +16,7 @@ help:  ## list the targets
 
 install: .venv/.linked  ## build .venv with the development extras
 
-train: install  ## train the paper's run: 700 episodes, about two minutes
+train: install  ## train the paper's run: 700 episodes, 2 to 5 minutes
 	$(BIN)/orchid train
 
 test: install  ## run the tests
@@ -51,7 +51,7 @@ studies: install  ## fly the evaluations that the documentation shows; about an 
 	$(BIN)/python -m benchmarks.studies
 	$(BIN)/python -m benchmarks.deployment
 
-ablation: install  ## ten seeds with and without Reset-and-Finetune, compared; about an hour
+ablation: install  ## ten seeds with and without Reset-and-Finetune, compared; about 1.4 hours of one core
 	$(BIN)/python -m benchmarks.ablation
 
 public: .venv-benchmarl/.installed .venv-agilerl/.installed  ## build the environments of public implementations

@@ -24,10 +24,11 @@ def findings_block() -> str:
         _noise(flown),
         _rules(flown),
         _reset(),
-        "**A faulty learner is hardly the cause.** On a public task (MPE2's `simple_spread`) this "
-        "project's MAPPO reaches the return of BenchMARL's, a public library's, within a margin "
-        "set before, its MADDPG is not shown to be lower, and on one batch both compute "
-        "BenchMARL's numbers. [Beside public implementations](docs/validation.md)",
+        "**A faulty learner is hardly the cause.** On a public task (`simple_spread` of the "
+        "collection MPE2) this project's MAPPO collects as much reward as that of BenchMARL, a "
+        "public library, within a margin that was set before. No lower reward is shown for its "
+        "MADDPG. Given the same data, both compute the same numbers as BenchMARL's. "
+        "[Beside public implementations](docs/validation.md)",
     )
     lines = [
         textwrap.fill(f"{number}. {point}", WIDTH, subsequent_indent="   ", break_on_hyphens=False)
@@ -54,11 +55,10 @@ def _learning(flown: Mapping[tuple[str, bool], Mapping[str, Any]]) -> str:
         "served), energy efficiency and two indices of fairness. The policy of the paper's method, "
         f"`orchid`, reaches {own:.3f}; its *zero-action twin*, which starts at the same places and "
         f"stays there, {twin:.3f}. None of the {_word(len(gains))} released policies is above its "
-        "twin when it flies without the noise of training. "
-        f"Of {_word(seeds)} trainings of `orchid` with different random numbers (*seeds*) one "
-        f"is, by {better[0]}; of a control that resets the optimizer and keeps its learning rates "
-        "two are, by "
-        f"{' and '.join(resets)}. "
+        "twin when it flies without the random noise that training adds to what it does. "
+        f"Of {_word(seeds)} trainings of `orchid` with different random numbers (*seeds*), one "
+        f"policy is above its twin, by {better[0]}. Of {_word(seeds)} trainings that only reset "
+        f"the optimizer and keep its learning rates, two are, by {' and '.join(resets)}. "
         "[Evaluation](docs/evaluation.md#all-methods), [ablation](docs/ablation.md#controls)"
     )
 
@@ -72,12 +72,12 @@ def _noise(flown: Mapping[tuple[str, bool], Mapping[str, Any]]) -> str:
     paid = flown["orchid", False][f"thrust_{name}"]["mean"] / 1e6
     must_hold(sampled < alone and paid < still, "the gain is the noise's, and thrust takes it")
     return (
-        "**The energy efficiency seen in training comes from its noise.** With the random noise "
-        f"of training `orchid` reaches {sampled:.2f} megabits per joule, and the noise alone, "
+        "**The energy efficiency seen in training comes from its noise.** With that noise "
+        f"`orchid` reaches {sampled:.2f} megabits per joule, and the noise alone, "
         f"without any policy, {alone:.2f}; hovering gives {still:.2f}. Noise keeps drones moving, "
         "a rotor needs half the power at 12 to 15 m/s that it needs to hover, and the paper's "
-        "formula charges nothing for changes of speed. With the thrust for them paid, "
-        f"{paid:.2f} is left. "
+        "formula charges nothing for changes of speed. Once the power for these changes is "
+        f"counted, {paid:.2f} is left. "
         "[Metrics](docs/evaluation.md#metrics)"
     )
 
@@ -96,9 +96,9 @@ def _rules(flown: Mapping[tuple[str, bool], Mapping[str, Any]]) -> str:
     return (
         "**Simple rules do better.** Circling the start instead of hovering there lifts the "
         f"utility from {static:.3f} to {loiter:.3f}. Circling the best of 31 ways to group the "
-        f"people reaches {balanced:.3f}, {share:.0%} of the *headroom*, which is the way from "
+        f"people reaches {balanced:.3f}. That is {share:.0%} of the *headroom*, the distance from "
         f"circling the start to a planner that knows every radio link ({planner:.3f}). Where "
-        "people walk, the lead over `orchid` is smaller. [Methods](docs/methods.md#rules), "
+        "people walk, this rule's lead over `orchid` is smaller. [Methods](docs/methods.md#rules), "
         "[moving users](docs/evaluation.md#moving-users)"
     )
 
@@ -118,9 +118,9 @@ def _reset() -> str:
     ]
     return (
         "**Reset-and-Finetune helps a little in training, and no effect is shown on unseen "
-        f"topologies.** Over {_word(len(document['settings']['seeds']))} seeds, reward and "
-        f"fairness at the end of training are {min(losses):.1%} to {max(losses):.1%} lower without "
-        "it. The controls point to the lower learning rates, not to the reset. "
+        f"topologies.** Over {_word(len(document['settings']['seeds']))} seeds, training without "
+        f"it ends with {min(losses):.1%} to {max(losses):.1%} less reward and fairness. The controls "
+        "point to the lower learning rates, not to the reset. "
         "[Ablation](docs/ablation.md)"
     )
 

@@ -88,8 +88,8 @@ def coverage_sentence(results: Sequence[Result]) -> str:
         for least, greatest in ((min(texts), max(texts)) for texts in found.values())
     )
     return (
-        f"Coverage of the target users is {own}, total coverage of all users {total}: the GBS "
-        f"serves {gbs} of its own.\n"
+        f"The drones cover {own} of their own users (*target users*), and {total} of all users are "
+        f"covered: of those left to it, the ground station reaches {gbs}.\n"
     )
 
 

@@ -194,7 +194,7 @@ def identity_marks(
         if len(where) == len(identical):
             mark = f"[{len(set(marks.values())) + 1}]"
             marks |= dict.fromkeys(cluster, mark)
-            sentences.append(f"{mark} Identical, drawn on each other: {names}.")
+            sentences.append(f"{mark} Identical curves: {names}.")
         else:
             sentences.append(f"Identical in {' and '.join(where)}: {names}.")
     return marks, sentences

@@ -16,7 +16,7 @@ from orchid_uav.experiments.variants import BASE
 KINDS = {
     "evaluation": "held-out topologies, deterministic policies",
     "sampled": "held-out topologies, sampled actions",
-    "training": f"last {FINAL_EPISODES} training episodes",
+    "training": f"last training episodes, at most {FINAL_EPISODES}",
 }
 """Families of comparisons, and what they are of."""
 _COLUMNS = (

@@ -213,6 +213,8 @@ def _next_command(settings: list["Setting"], given: list[str]) -> list[str]:
             next(rest)
         elif not argument.startswith(("--uavs=", "--out=")):
             kept.append(argument)
+    if not any(argument.startswith("--methods") for argument in kept):
+        kept += ["--methods", "learned,loiter-mmf"]  # without the planner, which takes its time
     return [*kept, "--uavs", "4..10"]
 
 

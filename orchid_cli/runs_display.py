@@ -217,7 +217,7 @@ def _print_figures(out: Console, runs: Sequence["Run"], names: Sequence[str]) ->
     title = f"mean of last {FINAL_EPISODES}" if len(runs) > 1 else "figure"
     _print(out, [title, *names, *more], rows)
     if apart and len(runs) > 1:
-        print_note(f"rewards do not compare: they differ in {', '.join(apart)}")
+        print_note(f"rewards cannot be compared, as these change their meaning: {', '.join(apart)}")
 
 
 def print_curves(out: Console, runs: Sequence["Run"], metrics: Sequence[str], window: int) -> None:

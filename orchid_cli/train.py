@@ -181,8 +181,8 @@ def train(
 def _note_idle_flags(config: RunConfig, kappa: float | None) -> None:
     if config.reset.enabled and 2 * config.reset.window >= config.training.episodes:
         print_note(
-            f"Reset-and-Finetune cannot help here: it waits for two windows of "
-            f"{config.reset.window} episodes, and there are {config.training.episodes}"
+            f"Reset-and-Finetune cannot help here: it needs two windows of {config.reset.window} "
+            f"episodes, and more to learn from after them; there are {config.training.episodes}"
         )
     if kappa is not None and not config.reset.enabled:
         print_note("--kappa has no effect: Reset-and-Finetune is off")

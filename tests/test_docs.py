@@ -52,8 +52,8 @@ def test_results_of_before_total_coverage_make_pages_without_it():
         for total in (0.925, 0.9)
     ]
     assert coverage_sentence(results) == (
-        "Coverage of the target users is 1.000, total coverage of all users 0.900 to 0.925: the "
-        "GBS serves 0.475 of its own.\n"
+        "The drones cover 1.000 of their own users (*target users*), and 0.900 to 0.925 of all "
+        "users are covered: of those left to it, the ground station reaches 0.475.\n"
     )
     metrics = ("coverage", "total_coverage")
     assert "| 1.000 | 0.925 ± 0.100 |" in metrics_table(results, metrics)
