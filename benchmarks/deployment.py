@@ -8,7 +8,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from benchmarks.studies import RESULTS, write_result
+from benchmarks.measuring import RESULTS, add_allow_changes, require_commit
+from benchmarks.studies import write_result
 from orchid_uav.agents.heuristics import Loiter
 from orchid_uav.envs import evaluation_seeds, parallel_env
 from orchid_uav.experiments.provenance import describe_versions
@@ -57,7 +58,10 @@ def main() -> None:
     """Fly and write."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--json", type=Path, default=RESULT, metavar="FILE")
-    path = parser.parse_args().json
+    add_allow_changes(parser)
+    options = parser.parse_args()
+    path = options.json
+    require_commit(parser, options, path)
     write_result(path, {"schema": 1, "versions": describe_versions(), **fly()}, ('{"position_m"',))
     print(f"wrote {path}")
 

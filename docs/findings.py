@@ -119,8 +119,8 @@ def _reset() -> str:
     return (
         "**Reset-and-Finetune helps a little in training, and no effect is shown on unseen "
         f"topologies.** Over {_word(len(document['settings']['seeds']))} seeds, training without "
-        f"it ends with {min(losses):.1%} to {max(losses):.1%} less reward and fairness. The controls "
-        "point to the lower learning rates, not to the reset. "
+        f"it ends with {min(losses):.1%} to {max(losses):.1%} less reward and fairness. The "
+        "controls point to the lower learning rates, not to the reset. "
         "[Ablation](docs/ablation.md)"
     )
 

@@ -267,6 +267,7 @@ class WorldBatch:
             kept = [array[resting] for array in self.arrays]  # copies
             flown = np.asarray(actions)
             self.step(np.where(resting[:, None, None], 0.0, flown))
+            array: NDArray[Any]  # whose kinds differ
             for array, before in zip(self.arrays, kept, strict=True):
                 array[resting] = before
 

@@ -34,6 +34,7 @@ from orchid_uav.experiments.evaluation_files import (
     header_of,
     read_interrupted,
     run_evaluation,
+    told_if_not_drawn,
 )
 from orchid_uav.experiments.figure_style import setting_of
 from orchid_uav.experiments.files import write_json
@@ -157,12 +158,17 @@ class AblationStudy:
         summary = self._fly(self.ablation.plan(policies), progress)
         if summary["status"] == "interrupted":
             return None
-        document = self._document(summary["results"])
+        logs = {
+            name: [_rows(job) for job in self.training_jobs if job.name == name]
+            for name in self.ablation.configurations()
+        }
+        curves = {name: [rows for rows in own if rows] for name, own in logs.items()}
+        document = self._document(summary["results"], logs, curves)
         self._write(document)
-        with self._writing():
-            write_ablation_sheet(
-                self.directory, document, self.directory / CURVES_FILE, self._setting()
-            )
+        with told_if_not_drawn(self.directory):
+            path, setting = self.directory / CURVES_FILE, self._setting()
+            draw_learning_curves(curves, path, window=CURVE_WINDOW, title=setting)
+            write_ablation_sheet(self.directory, document, path, setting)
         return document
 
     def _write(self, document: Mapping[str, Any]) -> None:
@@ -199,12 +205,14 @@ class AblationStudy:
             plan, settings, folder, self.command, flown, progress, with_figures=False
         )
 
-    def _document(self, results: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    def _document(
+        self,
+        results: Sequence[Mapping[str, Any]],
+        logs: Mapping[str, Sequence[Sequence[Row]]],
+        curves: Mapping[str, Sequence[Sequence[Row]]],
+    ) -> dict[str, Any]:
         ablation = self.ablation
         names = list(ablation.configurations())
-        logs = {
-            name: [_rows(job) for job in self.training_jobs if job.name == name] for name in names
-        }
         flown = {
             kind: {
                 name: flown_values(results, name, ablation.seeds, kind == "evaluation")
@@ -217,14 +225,6 @@ class AblationStudy:
             **{kind: (values, FLOWN) for kind, values in flown.items()},
             "training": (trained, TRAINED),
         }
-        curves = {name: [rows for rows in own if rows] for name, own in logs.items()}
-        with self._writing():
-            draw_learning_curves(
-                curves,
-                self.directory / CURVES_FILE,
-                window=CURVE_WINDOW,
-                title=self._setting(),
-            )
         own_keys = {key_of(name, seed) for name in names for seed in ablation.seeds}
         return self._header("failed" if self.waiting() else "completed") | {
             "runs": [self._describe_run(job, families) for job in self.training_jobs],

@@ -217,6 +217,10 @@ FLAGS = {
 """Configuration keys of the named flags."""
 
 _OTHER_NAMES = FLAGS | {
+    "uav": "network.uav_count",
+    "user": "network.user_count",
+    "episode": "training.episodes",
+    "world": "training.worlds",
     "no_rf": "reset.enabled",
     "speeds": "network.user_speed_mps",
     "speed_mps": "network.user_speed_mps",

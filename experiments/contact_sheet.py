@@ -182,6 +182,7 @@ img { display: block; width: auto; max-width: 100%; max-height: 46rem; height: a
 .notice { border-left: 4px solid #d55e00; padding-left: 0.75rem; }
 @media (max-width: 30rem) {
   dl { grid-template-columns: 1fr; gap: 0; } dd { margin-bottom: 0.5rem; } }
+code span { white-space: nowrap; }
 @media print { :root { color-scheme: light; --ink: #000; --quiet: #444; --page: #fff; --line: #bbb;
   --link: #000; } body { max-width: none; padding: 0; font-size: 9.5pt; }
   .figures { gap: 5mm; grid-template-columns: 1fr 1fr; } article { break-inside: avoid; }
@@ -201,7 +202,7 @@ def _write(
     program = f"orchid {versions['orchid_uav']}"
     rows = {name: html.escape(text) for name, text in facts.items()} | {
         "Made on": html.escape(f"{document['date']} by {program}"),
-        "Command": f"<code>{html.escape(shlex.join(document['command']))}</code>",
+        "Command": f"<code>{' '.join(map(_whole, document['command']))}</code>",
     }
     is_partial = document["status"] != "completed"
     notice = f"<p class=notice>{html.escape(document['status'].capitalize())}: not everything "
@@ -227,6 +228,11 @@ def _write(
     ]
     text = "\n".join(part for part in parts if part)
     write_atomically(folder / SHEET_FILE, (text + "\n").encode("utf-8", "backslashreplace"))
+
+
+def _whole(argument: str) -> str:
+    """A word of a command, which no line may divide."""
+    return f"<span>{html.escape(shlex.quote(argument))}</span>"
 
 
 def _section(name: str, entries: Sequence[_Entry]) -> str:

@@ -135,6 +135,7 @@ def evaluate(
     progress: Progress | None = None,
     flown: Flown | None = None,
     save: Callable[[Flown], None] = lambda flown: None,
+    stop: Callable[[], bool] = lambda: False,
 ) -> tuple[Flown, bool]:
     """Fly all flights of a plan; all topologies of a setting as one batch.
 
@@ -143,6 +144,7 @@ def evaluate(
         progress: shows it; nothing by default.
         flown: flights of an interrupted evaluation of the same plan, which are not flown again.
         save: called with all flights so far after every setting, and however the flying ends.
+        stop: asked between flights, since a KeyboardInterrupt may be lost in a library.
 
     Returns:
         The figures by flight, and whether all flights were flown: KeyboardInterrupt ends the
@@ -159,6 +161,8 @@ def evaluate(
                 topologies = _Topologies(plan, setting)
                 try:
                     for flight in flights:
+                        if stop():
+                            return done, False
                         done[flight.key] = _fly(plan, flight, topologies, progress)
                 finally:
                     if done:

@@ -228,7 +228,9 @@ def run_evaluation(
                 save_flights(directory, plan, done, settings, command)
 
         try:
-            flown, is_complete = evaluate(plan, progress, flown, save)
+            flown, is_complete = evaluate(
+                plan, progress, flown, save, lambda: interruption.requested
+            )
             if flown:
                 document = summary_document(plan, flown, settings, command, is_complete)
                 write_evaluation(directory, document, with_figures and is_complete)
@@ -275,12 +277,19 @@ def write_evaluation(
         if with_figures and document["results"]:
             # All results, though not all that was asked for: the same command would go on.
             write_json(directory / SUMMARY_FILE, {**document, "status": "interrupted"})
-            try:
+            with told_if_not_drawn(directory):
                 _draw(directory, document)
-            except Exception as error:
-                reason = " ".join(f"{type(error).__name__}: {error}".split())
-                warn_once("figures", f"no figures in {directory}, since drawing failed: {reason}")
         write_json(directory / SUMMARY_FILE, document)
+
+
+@contextmanager
+def told_if_not_drawn(directory: Path) -> Iterator[None]:
+    """Let no figure that cannot be drawn cost what it was to show: there is a warning instead."""
+    try:
+        yield
+    except Exception as error:
+        reason = " ".join(f"{type(error).__name__}: {error}".split())
+        warn_once("figures", f"no figures in {directory}, since drawing failed: {reason}")
 
 
 def _draw(directory: Path, document: Mapping[str, Any]) -> None:

@@ -196,8 +196,16 @@ def identity_marks(
             marks |= dict.fromkeys(cluster, mark)
             sentences.append(f"{mark} Identical curves: {names}.")
         else:
-            sentences.append(f"Identical in {' and '.join(where)}: {names}.")
+            sentences.append(f"Identical in {_which(where, identical)}: {names}.")
     return marks, sentences
+
+
+def _which(panels: Sequence[str], of: Iterable[str]) -> str:
+    """Some panels of all, named by those that are fewer; their titles may contain commas."""
+    others = [panel for panel in of if panel not in panels]
+    if len(others) < len(panels):
+        return f"all panels but {'; '.join(others)}"
+    return f"{'; '.join(panels)} alone"
 
 
 def shifted(axes: Axes, turn: int, count: int, step_pt: float = SHIFT_PT) -> Transform:

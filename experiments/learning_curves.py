@@ -175,6 +175,9 @@ class _Sheet:
                     )
                 marked = self._marked(curve, number, only_lone=nth > 0)
                 axes.plot(curve.episodes, curve.values, markevery=marked, **look, **drawn)
+                # Lines that are moved aside do not tell the axes where their data are.
+                axes.update_datalim(np.column_stack([curve.episodes, curve.values]))
+            axes.autoscale_view()
             episodes = self.resets.get(name, [])
             heights = [0.02 + 0.035 * number] * len(episodes)
             axes.plot(

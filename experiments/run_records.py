@@ -213,6 +213,12 @@ def find_run(name: str, runs_dir: Path) -> Path:
     if found:
         shown = ", ".join(found[:4]) + (" ..." if len(found) > 4 else "")
         raise InputError(f"'{name}' begins {len(found)} runs: {shown}")
+    try:
+        os.lstat(runs_dir / name / RECORD_FILE)
+    except PermissionError as error:
+        raise InputError(f"cannot read {runs_dir / name}: {error.strerror}") from error
+    except (OSError, ValueError):
+        pass
     near = nearest(name, ids, cutoff=0.3)
     hint = f"; did you mean '{near}'?" if near else ""
     raise InputError(f"no run '{name}' in {runs_dir}{hint}")

@@ -132,7 +132,7 @@ class TrackerProcess:
             for line in lines:
                 text, is_report, report = line.rstrip("\n").partition(_REPORT)
                 if text.strip():
-                    print(text, file=sys.stderr)
+                    print(shortened(text), file=sys.stderr)
                 if is_report:
                     self._last_word_s = time.monotonic()
                     document = json.loads(report)

@@ -3,6 +3,7 @@
 ``python -m orchid_uav.experiments.training_job FILE`` is what other processes start.
 """
 
+import gc
 import os
 import re
 import signal
@@ -203,4 +204,5 @@ def main() -> int:
 if __name__ == "__main__":
     code = main()
     ignore_signals()
+    gc.freeze()  # see __main__.py
     sys.exit(code)

@@ -17,6 +17,8 @@ from orchid_uav.experiments.interruption import Raising, interruption_requests
 
 FAILED, WRONG_INPUT, INTERRUPTED = 1, 2, 130
 """Exit codes besides 0."""
+UNBREAKABLE = "\N{NO-BREAK SPACE}"
+"""Joins what no line may divide, such as a number and its unit."""
 _GAP = 2
 """Spaces between the columns of a table."""
 _LEAST_TEXT = 20
@@ -62,12 +64,12 @@ def print_error(message: str) -> None:
 
 def print_warning(message: str) -> None:
     """One warning on stderr."""
-    print_line(console(stderr=True), f"warning: {message}")
+    print_text(console(stderr=True), f"warning: {message}")
 
 
 def print_note(message: str) -> None:
     """One note on stderr."""
-    print_line(console(stderr=True), f"note: {message}")
+    print_text(console(stderr=True), f"note: {message}")
 
 
 def print_table(
@@ -89,7 +91,7 @@ def print_table(
     """
     if not out.is_terminal:
         for row in (columns, *rows):
-            print("\t".join(row), file=out.file)
+            print("\t".join(row).replace(UNBREAKABLE, " "), file=out.file)
         return
     table = [list(column) for column in zip(columns, *rows, strict=True)]
     if wraps_last:
@@ -128,7 +130,7 @@ def _least_width(column: Sequence[str]) -> int:
     """Of a column in which only the heading is broken, and only between words."""
     heading, *cells = column
     lines = (line for cell in cells for line in cell.split("\n"))
-    return max(map(cell_len, (*heading.split(), *lines, "")))
+    return max(map(cell_len, (*heading.split(" "), *lines, "")))
 
 
 def _fitted(part: Sequence[list[str]], room: int) -> list[list[str]]:
@@ -153,7 +155,7 @@ def _broken(text: str, width: int) -> list[str]:
     if cell_len(text) <= width:
         return [text]
     lines: list[str] = []
-    for word in text.split():
+    for word in text.split(" "):
         longer = f"{lines[-1]} {word}" if lines else word
         if lines and cell_len(longer) <= width:
             lines[-1] = longer

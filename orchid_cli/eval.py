@@ -284,9 +284,7 @@ def _world(config: Path | None, assignments: list[str]) -> "RunConfig":
         and (key in METHOD_KEYS or key.partition(".")[0] in LEARNING_SECTIONS)
     ]
     if idle:
-        print_line(
-            console(stderr=True), f"note: of {config} these have no effect here: {', '.join(idle)}"
-        )
+        print_note(f"of {config} these have no effect here: {', '.join(idle)}")
     return merged
 
 
@@ -344,10 +342,7 @@ def _tell_differences(plan: "Plan", world: "RunConfig") -> None:
         if entry.policy is not None and entry.policy.run not in told:
             told.add(entry.policy.run)
             if not entry.policy.is_complete:
-                print_line(console(stderr=True), f"note: run {entry.policy.run} was interrupted")
+                print_note(f"run {entry.policy.run} was interrupted")
             differing = world_differences(entry.policy, world)
             if differing:
-                print_line(
-                    console(stderr=True),
-                    f"note: {entry.key} was trained in another world: {', '.join(differing)}",
-                )
+                print_note(f"{entry.key} was trained in another world: {', '.join(differing)}")

@@ -5,7 +5,7 @@ from typing import Any
 
 from rich.console import Console
 
-from orchid_uav.cli.console import print_line, print_table
+from orchid_uav.cli.console import UNBREAKABLE, print_line, print_table
 from orchid_uav.experiments.metrics import METRICS, label_of
 from orchid_uav.experiments.run_records import short_ids
 
@@ -108,6 +108,8 @@ def _setting_names(settings: Sequence[tuple[Any, ...]]) -> dict[tuple[Any, ...],
     ] or [1]
     forms = list(_DIMENSIONS.values())
     return {
-        setting: ", ".join(forms[index].format(setting[index]) for index in varying)
+        setting: ", ".join(
+            forms[index].format(setting[index]).replace(" ", UNBREAKABLE) for index in varying
+        )
         for setting in settings
     }

@@ -41,8 +41,15 @@ _LEAST_PLOT_WIDTH, _MOST_PLOT_WIDTH = 40, 100
 def print_runs(out: Console, runs: Sequence["Run"], columns: Sequence[str]) -> None:
     """A row a run."""
     names = _headings(columns)
-    rows = [[run.id, *_cells(run, columns)] for run in runs]
+    rows = [[name, *_cells(run, columns)] for name, run in zip(_ids(out, runs), runs, strict=True)]
     _print(out, ["id", *names], rows, wraps_last=True)
+
+
+def _ids(out: Console, runs: Sequence["Run"]) -> list[str]:
+    """What runs are called in a list: shortly for people, whole for programs."""
+    from orchid_uav.experiments.run_index import short_names
+
+    return short_names(runs) if out.is_terminal else [run.id for run in runs]
 
 
 def columns_that_fit(out: Console, runs: Sequence["Run"]) -> list[str]:
@@ -56,7 +63,7 @@ def columns_that_fit(out: Console, runs: Sequence["Run"]) -> list[str]:
             columns, _headings(columns), *(_cells(run, columns) for run in runs), strict=True
         )
     }
-    room = out.width - max(len(run.id) for run in runs)
+    room = out.width - max(map(len, _ids(out, runs)))
     for key in _GIVING_WAY:
         if sum(widths[column] for column in columns) > room:
             columns.remove(key)
@@ -214,7 +221,8 @@ def _print_figures(out: Console, runs: Sequence["Run"], names: Sequence[str]) ->
         print_line(out, "no final figures: there is no episode yet")
         return
     more = ["difference"] if len(runs) == 2 else []
-    title = f"mean of last {FINAL_EPISODES}" if len(runs) > 1 else "figure"
+    longest = max(int(run.record["episodes"]) for run in runs)
+    title = f"mean of last {min(FINAL_EPISODES, longest)}" if len(runs) > 1 else "figure"
     _print(out, [title, *names, *more], rows)
     if apart and len(runs) > 1:
         print_note(f"rewards cannot be compared, as these change their meaning: {', '.join(apart)}")

@@ -26,6 +26,7 @@ from rich.console import Console
 from orchid_uav.callbacks import ResetAndFinetune
 from orchid_uav.cli.ablation_tables import comparison_rows, print_ablation, reached_rows
 from orchid_uav.cli.main import main
+from orchid_uav.envs import notices
 from orchid_uav.experiments import (
     ablation_study,
     calibration,
@@ -777,12 +778,26 @@ class TestFailures:
         assert document_of(tmp_path / "study")["status"] == "failed"
 
     def test_of_the_disk_are_told(self, ablate, study, monkeypatch):
-        def full(*arguments, **options):
-            raise OSError(errno.ENOSPC, "No space left on device")
+        def full(path, document):
+            if document["status"] == "completed":
+                raise OSError(errno.ENOSPC, "No space left on device")
 
-        monkeypatch.setattr(ablation_study, "draw_learning_curves", full)
+        monkeypatch.setattr(ablation_study, "write_json", full)
         failed = ablate("--no-rf", "--seeds=0,1", f"--out={study}", "--quiet", "--json")
         assert_is_an_error(failed, f"cannot write to {study}", "No space", "tries again", code=1)
+
+    def test_of_drawing_cost_no_result(self, ablate, study, finished, monkeypatch):
+        def fail(*arguments, **options):
+            raise ValueError("a font\nis missing")
+
+        monkeypatch.setattr(notices, "_told", set())
+        for step in ("draw_learning_curves", "write_ablation_sheet"):
+            monkeypatch.setattr(ablation_study, step, fail)
+        drawn = ablate("--no-rf", "--seeds=0,1", f"--out={study}", "--quiet")
+        assert drawn.code == 0
+        [warning] = drawn.err.splitlines()
+        assert warning.startswith(f"warning: no figures in {study}, ")
+        assert without_times(document_of(study)) == without_times(document_of(finished.path))
 
     def test_a_directory_that_cannot_be_written_is_wrong_input(self, ablate, tmp_path):
         (tmp_path / "file").touch()

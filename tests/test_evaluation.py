@@ -339,7 +339,7 @@ def test_figures_are_drawn_in_both_formats(evaluate_tiny, tmp_path):
     assert {f"{name.removesuffix('.png')}" for name in names if name.endswith(".png")} == set(
         re.findall(r'<img src="(\w+).png"', text)
     )
-    assert "<code>orchid eval" in text and "--uavs=2,3" in text
+    assert "<code><span>orchid</span> <span>eval</span>" in text and "--uavs=2,3" in text
 
 
 def test_the_summary_is_there_before_anything_is_drawn(evaluate_tiny, tmp_path, monkeypatch):

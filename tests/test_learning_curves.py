@@ -320,7 +320,7 @@ class TestFigure:
         texts = [text.get_text() for text in legend.get_texts()]
         assert texts == ["maddpg-mmf [1]", "maddpg-pf [1]", "x"]
         footnote = " ".join(figure.get_supxlabel().split())
-        assert "[1] Identical, drawn on each other: maddpg-mmf, maddpg-pf." in footnote
+        assert "[1] Identical curves: maddpg-mmf, maddpg-pf." in footnote
         alone = drawn({"maddpg-mmf": [noisy(0, 200)]}, columns=["reward", "rate_jfi"])[1]
         colour = looks_of(["maddpg-mmf"])["maddpg-mmf"]["color"]
         alone_pixels = pixels(alone, colour)
@@ -337,12 +337,25 @@ class TestFigure:
         ]
         assert (np.diff(places) > 3).all()
 
+    @pytest.mark.parametrize("episodes", [1, 2, 6])
+    @pytest.mark.parametrize("others", [0, 1])
+    def test_curves_of_short_identical_runs_lie_within_the_axes(self, drawn, episodes, others):
+        groups = {name: [noisy(0, episodes)] for name in ("base", "no-rf", "x")}
+        groups |= {f"other {number}": [noisy(1, episodes)] for number in range(others)}
+        figure, _ = drawn(groups, columns=["reward", "coverage", "worst_rate_bps"])
+        for axes in figure.axes:
+            for line in lines_of(axes):
+                values = np.asarray(line.get_ydata(), float)
+                low, high = axes.get_ylim()
+                assert (low <= values).all() and (values <= high).all()
+                assert axes.get_xlim()[0] <= np.max(line.get_xdata()) <= axes.get_xlim()[1]
+
     def test_what_is_identical_in_one_panel_is_said_of_it(self, drawn):
         one = noisy(0)
         other = [row | {"reward": row["reward"] + 1.0} for row in one]
         figure, _ = drawn({"a": [one], "b": [other]}, columns=["reward", "coverage"])
         footnote = " ".join(figure.get_supxlabel().split())
-        assert footnote.endswith("Identical in coverage: a, b.")
+        assert footnote.endswith("Identical in coverage alone: a, b.")
         (legend,) = [legend for block in figure.subfigs for legend in block.legends]
         assert [text.get_text() for text in legend.get_texts()] == ["a", "b"]
 

@@ -1,5 +1,6 @@
 """The ``orchid`` command, also as ``python -m orchid_uav``."""
 
+import gc
 import os
 import sys
 from contextlib import suppress
@@ -14,6 +15,7 @@ def main() -> int:
 
         code = command()
         ignore_signals()
+        gc.freeze()  # or Python looks through torch and numba once more, for a second or two
         return code
     except KeyboardInterrupt:
         with suppress(OSError):
