@@ -39,32 +39,32 @@ mutants: install  ## plant faults, each of which must turn a test red
 
 bench: install  ## measure speed and memory, ratios within one run; then make docs-data
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt 'mobile-env'
-	$(BIN)/python -m benchmarks.simulator --json benchmarks/results/simulator.json
-	$(BIN)/python -m benchmarks.training --repetitions 5 --json benchmarks/results/training.json
-	$(BIN)/python -m benchmarks.evaluation --json benchmarks/results/evaluation.json
-	$(BIN)/python -m benchmarks.run_index --json benchmarks/results/run_index.json
+	$(BIN)/python -m benchmarks.simulator --json studies/results/simulator.json
+	$(BIN)/python -m benchmarks.training --repetitions 5 --json studies/results/training.json
+	$(BIN)/python -m benchmarks.evaluation --json studies/results/evaluation.json
+	$(BIN)/python -m benchmarks.run_index --json studies/results/run_index.json
 
 reference: install  ## train the released policies anew, into runs/reference; about half an hour
-	$(BIN)/python -m benchmarks.reference_policies
+	$(BIN)/python -m studies.reference_policies
 
 studies: install  ## fly the evaluations that the documentation shows; about an hour
-	$(BIN)/python -m benchmarks.studies
-	$(BIN)/python -m benchmarks.deployment
+	$(BIN)/python -m studies.evaluations
+	$(BIN)/python -m studies.deployment
 
 ablation: install  ## ten seeds with and without Reset-and-Finetune, compared; about 1.4 hours of one core
-	$(BIN)/python -m benchmarks.ablation
+	$(BIN)/python -m studies.ablations
 
 public: .venv-benchmarl/.installed .venv-agilerl/.installed  ## build the environments of public implementations
 
 validation: install public  ## our learners beside public ones, ten seeds; about two hours, then their speed
-	$(BIN)/python -m benchmarks.validation
-	$(BIN)/python -m benchmarks.training_speed --json benchmarks/results/training_speed.json
+	$(BIN)/python -m studies.simple_spread.study
+	$(BIN)/python -m benchmarks.training_speed --json studies/results/training_speed.json
 
 fixed-batch: install public  ## BenchMARL's numbers that tests compare with, into tests/data
-	.venv-benchmarl/bin/python -m benchmarks.spread.fixed_batch tests/data/benchmarl_batch.json
+	.venv-benchmarl/bin/python -m studies.simple_spread.fixed_batch tests/data/benchmarl_batch.json
 
-docs-data: install  ## numbers and figures of the documentation, from benchmarks/results
-	$(BIN)/python -m docs.generate
+docs-data: install  ## numbers and figures of the documentation, from studies/results
+	$(BIN)/python -m studies.pages.generate
 
 # Not --quiet, which also turns --strict off. The variable silences an advertisement of the theme.
 docs: install  ## build the documentation into site/; a dead link fails

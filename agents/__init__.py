@@ -3,13 +3,13 @@
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from orchid_uav.agents.actor import LocalActor, load_policy
+from orchid_uav.agents.deployed_actor import LocalActor, load_policy
 
 if TYPE_CHECKING:
-    from orchid_uav.agents.deterministic_policy import JointCriticPolicy
-    from orchid_uav.agents.maddpg import MADDPG
-    from orchid_uav.agents.mappo import MAPPO
-    from orchid_uav.agents.policies import CentralizedCriticPolicy
+    from orchid_uav.agents.maddpg.maddpg import MADDPG
+    from orchid_uav.agents.maddpg.policy import JointCriticPolicy
+    from orchid_uav.agents.mappo.mappo import MAPPO
+    from orchid_uav.agents.mappo.policy import CentralizedCriticPolicy
 
 __all__ = [
     "MADDPG",
@@ -21,10 +21,10 @@ __all__ = [
 ]
 
 _NEEDING_TORCH = {
-    "MADDPG": "maddpg",
-    "MAPPO": "mappo",
-    "CentralizedCriticPolicy": "policies",
-    "JointCriticPolicy": "deterministic_policy",
+    "MADDPG": "maddpg.maddpg",
+    "MAPPO": "mappo.mappo",
+    "CentralizedCriticPolicy": "mappo.policy",
+    "JointCriticPolicy": "maddpg.policy",
 }
 
 

@@ -18,9 +18,9 @@ from benchmarl.experiment import Callback
 from torchrl.envs import EnvBase
 from torchrl.envs.libs.pettingzoo import PettingZooWrapper
 
-from benchmarks.spread.benchmarl_learners import make_experiment
-from benchmarks.spread.task import Settings
 from orchid_uav.envs import parallel_env
+from studies.simple_spread.benchmarl_learners import make_experiment
+from studies.simple_spread.task import Settings
 
 
 class FleetTask(PettingZooClass):

@@ -18,14 +18,15 @@ import torch
 from stable_baselines3.common.vec_env import VecEnv
 from threadpoolctl import threadpool_limits
 
-from benchmarks.measuring import alternate, arguments, ratio, record, report
+from benchmarks.measuring import alternate, arguments, ratio, report
 from orchid_uav.agents import MAPPO, LocalActor
-from orchid_uav.agents.method import Method
+from orchid_uav.agents.controllers.controller import Method
 from orchid_uav.envs import evaluation_seeds, make_supersuit_vec_env, parallel_env
 from orchid_uav.envs.diagnostics import Diagnostics
 from orchid_uav.envs.parameters import Parameters
-from orchid_uav.experiments.evaluation import Plan, Setting, evaluate
-from orchid_uav.experiments.methods import select
+from orchid_uav.experiments.evaluation.flights import Plan, Setting, evaluate
+from orchid_uav.experiments.evaluation.methods import select
+from studies.recording import record
 
 UAVS = range(4, 11)
 STUDY = ("orchid", "maddpg-pf", "maddpg-mmf", "static-pf", "static-mmf", "loiter-mmf")

@@ -2,71 +2,22 @@
 
 import argparse
 import ctypes
-import os
 import statistics
 import sys
 from collections.abc import Callable, Mapping
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 from rich.table import Table
 
-from orchid_uav.experiments.files import write_json
-from orchid_uav.experiments.provenance import (
-    CHANGES,
-    describe_host,
-    describe_versions,
-    git_commit,
-)
+from orchid_uav.storage.files import write_json
+from studies.recording import add_allow_changes, require_commit
 
-SCHEMA = 1
-ROOT = Path(__file__).resolve().parent.parent
-RESULTS = ROOT / "benchmarks" / "results"
-RECORDS = (RESULTS, ROOT / "runs" / "reference")
-"""Folders of committed results."""
-ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-"""Environment of a process that is to keep to one core."""
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # malloc.h
 
 Case = Callable[[int], float]
 """Measures once; its argument is the number of the repetition, from 0."""
-
-
-def add_allow_changes(parser: argparse.ArgumentParser) -> None:
-    """The option of every program that records."""
-    parser.add_argument(
-        "--allow-changes",
-        action="store_true",
-        help="record from a checkout with changes that are not committed, too",
-    )
-
-
-def require_commit(
-    parser: argparse.ArgumentParser, options: argparse.Namespace, path: Path | None
-) -> None:
-    """End before anything is measured if it is to be kept and cannot be found again by a commit.
-
-    Args:
-        parser: which tells it.
-        options: of a parser with :func:`add_allow_changes`.
-        path: where the result is to be written; only the folders of ``RECORDS`` are kept.
-    """
-    if options.allow_changes or path is None:
-        return
-    if not any(path.resolve().is_relative_to(kept) for kept in RECORDS):
-        return
-    commit = git_commit()
-    if commit is None:
-        why = "this is no checkout of git"
-    elif commit.endswith(CHANGES):
-        why = "this checkout has changes that are not committed: commit them"
-    else:
-        return
-    parser.error(
-        f"{path} is kept with the commit it was made from, and {why}, or give --allow-changes"
-    )
 
 
 def arguments_parser(description: str, repetitions: int) -> argparse.ArgumentParser:
@@ -137,27 +88,6 @@ def keep_freed_memory(keep: bool) -> None:
         threshold = 32 << 20 if keep else 128 << 10  # the greatest, and the one at first
         library.mallopt(_M_MMAP_THRESHOLD, threshold)
         library.mallopt(_M_TRIM_THRESHOLD, threshold)
-
-
-def record(settings: Mapping[str, Any], **figures: Any) -> dict[str, Any]:
-    """A result with all that is needed to judge it and to get it again.
-
-    Where ``figures`` name what stands there anyway, such as the command, theirs is taken.
-    """
-    host = describe_host()
-    del host["name"]
-    return {
-        "schema": SCHEMA,
-        "date": f"{datetime.now(UTC):%Y-%m-%d}",
-        "command": " ".join(
-            ["python", "-m", f"benchmarks.{Path(sys.argv[0]).stem}", *sys.argv[1:]]
-        ),
-        "host": host,
-        "load_average": [round(load, 2) for load in os.getloadavg()],
-        "versions": describe_versions(),
-        "settings": dict(settings),
-        **figures,
-    }
 
 
 def report(

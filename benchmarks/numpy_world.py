@@ -2,7 +2,8 @@
 
 One call of :func:`step_worlds` does to the arrays of :class:`orchid_uav.envs.arrays.Worlds` what
 the compiled function of that name does, with the same equations, but on whole arrays: no Python
-loop over worlds, UAVs or users. ``tests/test_numpy_world.py`` compares the two, slot by slot.
+loop over worlds, UAVs or users. ``tests/studies/test_numpy_world.py`` compares the two, slot by
+slot.
 """
 
 from functools import lru_cache

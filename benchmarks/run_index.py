@@ -17,14 +17,14 @@ from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from benchmarks.measuring import alternate, arguments, ratio, record, report
-from orchid_uav.agents.safe_files import read_document, sealed
+from benchmarks.measuring import alternate, arguments, ratio, report
 from orchid_uav.experiments.configuration import RunConfig
-from orchid_uav.experiments.files import json_bytes
-from orchid_uav.experiments.run_directory import RunDirectory, read_episodes
-from orchid_uav.experiments.run_filters import Keys, select
-from orchid_uav.experiments.run_index import FIGURES, read_index
-from orchid_uav.experiments.run_records import CONFIG_FILE, EPISODES_FILE, RECORD_FILE
+from orchid_uav.experiments.runs.directory import RunDirectory, read_episodes
+from orchid_uav.experiments.runs.filters import Keys, select
+from orchid_uav.experiments.runs.index import FIGURES, read_index
+from orchid_uav.experiments.runs.records import CONFIG_FILE, EPISODES_FILE, RECORD_FILE
+from orchid_uav.storage.files import json_bytes, read_document, sealed
+from studies.recording import record
 
 RUNS = 1000
 WHOLE, ON_TERMINAL = "`orchid runs list`", "`orchid runs list` on a terminal"

@@ -33,19 +33,12 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from benchmarks import numpy_world
-from benchmarks.measuring import (
-    Case,
-    alternate,
-    arguments,
-    keep_freed_memory,
-    ratio,
-    record,
-    report,
-)
+from benchmarks.measuring import Case, alternate, arguments, keep_freed_memory, ratio, report
 from orchid_uav.envs import association, channel, dynamics, make_vec_env
 from orchid_uav.envs.arrays import ACTION_SIZE
 from orchid_uav.envs.parameters import Parameters
 from orchid_uav.envs.world import WorldBatch
+from studies.recording import record
 
 WORLDS, SLOTS = 64, 200
 MOVING_MPS = 10.0

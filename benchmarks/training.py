@@ -33,26 +33,21 @@ from stable_baselines3.common.logger import Logger
 from threadpoolctl import threadpool_limits
 from torch.nn import functional
 
-import orchid_uav.experiments.training as loop
-from benchmarks.measuring import (
-    alternate,
-    arguments,
-    ratio,
-    record,
-    report,
-)
+from benchmarks.measuring import alternate, arguments, ratio, report
 from benchmarks.stopwatch import Stopwatch
-from orchid_uav.agents.mappo import MAPPO
-from orchid_uav.agents.policies import CentralizedCriticPolicy
-from orchid_uav.agents.rollout import MiniBatch
+from orchid_uav.agents.mappo.mappo import MAPPO
+from orchid_uav.agents.mappo.policy import CentralizedCriticPolicy
+from orchid_uav.agents.mappo.rollout_buffer import MiniBatch
 from orchid_uav.callbacks import EpisodeLog
-from orchid_uav.cli.display import LiveReporter
+from orchid_uav.cli.progress.training import LiveReporter
 from orchid_uav.envs import deployment
-from orchid_uav.envs.vector import FleetVecEnv
+from orchid_uav.envs.interfaces.sb3_vec_env import FleetVecEnv
 from orchid_uav.envs.world import WorldBatch
 from orchid_uav.experiments.configuration import RunConfig
-from orchid_uav.experiments.run_directory import RunDirectory
-from orchid_uav.experiments.trackers import SafeTracker, open_tracker
+from orchid_uav.experiments.runs.directory import RunDirectory
+from orchid_uav.experiments.training import loop
+from orchid_uav.experiments.training.trackers import SafeTracker, open_tracker
+from studies.recording import record
 
 EPISODES = 30
 DENORMAL_EPISODES, DENORMAL_LAST = 80, 20

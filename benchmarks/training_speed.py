@@ -8,9 +8,9 @@ ten gradient steps an epoch on either side.
 
 There, BenchMARL has fused Adam like ours, which is not its default.
 
-On simple_spread the settings are those of ``benchmarks.validation``; "mappo-stock" is BenchMARL's
-in TorchRL's wrapper, "mappo" in the batch of worlds that the validation gives it. Judging is
-outside the time taken.
+On simple_spread the settings are those of ``studies.simple_spread.study``; "mappo-stock" is
+BenchMARL's in TorchRL's wrapper, "mappo" in the batch of worlds that the validation gives it.
+Judging is outside the time taken.
 
 Everything is a process of its own with one thread; seconds begin after imports and construction,
 and the cases take turns.
@@ -26,17 +26,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from benchmarks.measuring import (
-    ONE_THREAD,
-    alternate,
-    arguments_parser,
-    ratio,
-    record,
-    report,
-    require_commit,
-)
-from benchmarks.validation import ROOT, Arm, add_pythons, chosen_pythons
+from benchmarks.measuring import alternate, arguments_parser, ratio, report
 from orchid_uav.experiments.configuration import RunConfig
+from studies.recording import ONE_THREAD, record, require_commit
+from studies.simple_spread.study import ROOT, Arm, add_pythons, chosen_pythons
 
 EPISODES, SPREAD_FRAMES = 20, 10_000
 _PAPER = RunConfig()
@@ -54,7 +47,7 @@ FLEET_SETTINGS = {
     "clip_range": _PPO.clip_ratio,
     "max_grad_norm": _PPO.max_grad_norm,
 }
-"""Of BenchMARL's run, as of ``benchmarks.spread.task.Settings``."""
+"""Of BenchMARL's run, as of ``studies.simple_spread.task.Settings``."""
 SPREAD_ARMS = {
     "orchid mappo": ["benchmarl mappo", "benchmarl mappo-stock"],
     "orchid maddpg": ["benchmarl maddpg", "agilerl maddpg"],

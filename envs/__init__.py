@@ -1,4 +1,4 @@
-"""The network as a simulator, and its PettingZoo, Gymnasium and SB3 faces.
+"""The network as a simulator, and its PettingZoo, Gymnasium and SB3 interfaces.
 
 What is here is loaded when it is first used: numba, scikit-learn and PettingZoo take seconds, and
 most of the package needs nothing but :class:`Parameters`.
@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from orchid_uav.envs import channel, deployment, fairness, propulsion, sharing
-    from orchid_uav.envs.centralized import CentralizedState
-    from orchid_uav.envs.factory import make_supersuit_vec_env, make_vec_env, parallel_env
+    from orchid_uav.envs.interfaces.global_state_wrapper import CentralizedState
+    from orchid_uav.envs.interfaces.make import make_supersuit_vec_env, make_vec_env, parallel_env
     from orchid_uav.envs.metrics import EPISODE_METRICS, SLOT_METRICS
     from orchid_uav.envs.parameters import Parameters
-    from orchid_uav.envs.world import WorldBatch, evaluation_seeds, world_seeds
+    from orchid_uav.envs.seeds import evaluation_seeds, world_seeds
+    from orchid_uav.envs.world import WorldBatch
 
 __all__ = [
     "EPISODE_METRICS",
@@ -34,16 +35,16 @@ __all__ = [
 ]
 
 _HOMES = {
-    "CentralizedState": "centralized",
+    "CentralizedState": "interfaces.global_state_wrapper",
     "EPISODE_METRICS": "metrics",
     "Parameters": "parameters",
     "SLOT_METRICS": "metrics",
     "WorldBatch": "world",
-    "evaluation_seeds": "world",
-    "make_supersuit_vec_env": "factory",
-    "make_vec_env": "factory",
-    "parallel_env": "factory",
-    "world_seeds": "world",
+    "evaluation_seeds": "seeds",
+    "make_supersuit_vec_env": "interfaces.make",
+    "make_vec_env": "interfaces.make",
+    "parallel_env": "interfaces.make",
+    "world_seeds": "seeds",
 }
 """The module of each name; the other names are modules themselves, those of the equations."""
 

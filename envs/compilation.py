@@ -20,7 +20,7 @@ from numba.core.caching import (
 )
 from numba.core.dispatcher import Dispatcher
 
-from orchid_uav.envs.notices import note_once, warn_once
+from orchid_uav.notices import note_once, warn_once
 
 
 def _digest_of_sources() -> str:

@@ -215,6 +215,14 @@ FLAGS = {
     "kappa": "reset.kappa",
 }
 """Configuration keys of the named flags."""
+SETTING_KEYS = {
+    "network.distribution": "--distribution",
+    "network.uav_count": "--uavs",
+    "network.user_count": "--users",
+    "network.user_speed_mps": "--speeds",
+    "network.heading_hold_s": "--heading-hold",
+}
+"""Keys that a setting of an evaluation decides, in its order, and the options that list them."""
 
 _OTHER_NAMES = FLAGS | {
     "uav": "network.uav_count",

@@ -49,7 +49,9 @@ def boot_id() -> str | None:
 
 CHANGES = "+changes"
 """Ends the commit of a checkout with changes that are not committed."""
-_NOT_MEASURED = ("runs", "benchmarks/results", "docs", "tests", "*.md", "mkdocs.yml", "LICENSE")
+_NOT_MEASURED = (
+    *("runs", "studies/results", "studies/pages", "docs", "tests", "*.md", "mkdocs.yml", "LICENSE"),
+)
 """What of a checkout may differ without a word, as it does not change what is measured: what runs
 and benchmarks write, pages and figures made of that, tests. Policies are told by their checksums.
 All else counts: the packages, `pyproject.toml`, `constraints.txt`, the benchmarks themselves."""

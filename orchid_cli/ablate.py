@@ -12,17 +12,6 @@ from rich.console import Console
 
 from orchid_uav.cli import completion
 from orchid_uav.cli.commands import SEED
-from orchid_uav.cli.configuring import (
-    AlgorithmOption,
-    ConfigOption,
-    DistributionOption,
-    EpisodesOption,
-    PresetOption,
-    UavsOption,
-    UsersOption,
-    WorldsOption,
-    layers_of,
-)
 from orchid_uav.cli.console import (
     FAILED,
     INTERRUPTED,
@@ -38,20 +27,31 @@ from orchid_uav.cli.console import (
     print_warning,
     stdout_for_json_alone,
 )
-from orchid_uav.envs.notices import show_on_stderr
+from orchid_uav.cli.options import (
+    AlgorithmOption,
+    ConfigOption,
+    DistributionOption,
+    EpisodesOption,
+    PresetOption,
+    UavsOption,
+    UsersOption,
+    WorldsOption,
+    layers_of,
+)
+from orchid_uav.cli.ranges import parse_counts, parse_numbers
 from orchid_uav.experiments.configuration import (
     RunConfig,
     assignment_layer,
     merge,
 )
 from orchid_uav.experiments.errors import InputError, RunFailedError
-from orchid_uav.experiments.ranges import parse_counts, parse_numbers
+from orchid_uav.notices import show_on_stderr
 
 if TYPE_CHECKING:
-    from orchid_uav.experiments.ablation_study import AblationStudy
-    from orchid_uav.experiments.jobs import LocalProcesses
-    from orchid_uav.experiments.training_job import TrainingJob
-    from orchid_uav.experiments.variants import Variant
+    from orchid_uav.experiments.ablation.study import AblationStudy
+    from orchid_uav.experiments.ablation.variants import Variant
+    from orchid_uav.experiments.jobs.local_processes import LocalProcesses
+    from orchid_uav.experiments.training.job import TrainingJob
 
 _BASE, _VARIANTS, _STUDY = "Base", "Variants, each compared with the base", "Study"
 _BASE_FLAGS = ("uavs", "users", "distribution", "episodes", "worlds", "algorithm")
@@ -152,7 +152,7 @@ def ablate(
     """
     with failing_well(debug):
         show_on_stderr(with_notes=not quiet)
-        from orchid_uav.experiments.variants import check_variants
+        from orchid_uav.experiments.ablation.variants import check_variants
 
         merged = _base(context.params)
         variants = _variants(
@@ -164,12 +164,12 @@ def ablate(
             raise InputError(f"--margin {margin}: a finite share above 0 is possible")
         seed_list = parse_counts(seeds, "--seeds", least=0)
         # torch and pyarrow take seconds to import: not before the input is known to be right.
-        from orchid_uav.experiments.ablation import Ablation
-        from orchid_uav.experiments.ablation_study import DEFAULT_PARENT, RUNS_FOLDER, AblationStudy
-        from orchid_uav.experiments.child_processes import usable_cores
-        from orchid_uav.experiments.evaluation_files import make_default_directory
-        from orchid_uav.experiments.files import expanded
-        from orchid_uav.experiments.jobs import LocalProcesses
+        from orchid_uav.experiments.ablation.design import Ablation
+        from orchid_uav.experiments.ablation.study import DEFAULT_PARENT, RUNS_FOLDER, AblationStudy
+        from orchid_uav.experiments.evaluation.directory import make_default_directory
+        from orchid_uav.experiments.jobs.child_process import usable_cores
+        from orchid_uav.experiments.jobs.local_processes import LocalProcesses
+        from orchid_uav.experiments.runs.records import expanded
 
         executor = LocalProcesses(usable_cores() if jobs is None else jobs)
         if executor.note:
@@ -192,7 +192,7 @@ def ablate(
         if as_json:
             print(json.dumps(document, allow_nan=False))
         else:
-            from orchid_uav.cli.ablation_tables import print_ablation
+            from orchid_uav.cli.tables.ablation import print_ablation
 
             print_ablation(shown, document)
         print_line(shown, f"{document['status']}: {directory}")
@@ -218,7 +218,13 @@ def _variants(
     assignments: list[str],
     controls: str | None,
 ) -> list["Variant"]:
-    from orchid_uav.experiments.variants import CONTROLS, Variant, assigned, control, listed
+    from orchid_uav.experiments.ablation.variants import (
+        CONTROLS,
+        Variant,
+        assigned,
+        control,
+        listed,
+    )
 
     variants = [Variant("no-rf", {"reset.enabled": False})] if no_rf else []
     for option, key, text in (
@@ -242,9 +248,9 @@ def _run(
     study: "AblationStudy", executor: "LocalProcesses", shown: Console, quiet: bool, again: str
 ) -> dict[str, Any] | None:
     """Train and evaluate; None if interrupted."""
-    from orchid_uav.cli.evaluation_display import evaluation_progress
-    from orchid_uav.cli.jobs_display import job_progress
-    from orchid_uav.experiments.ablation import differing_worlds
+    from orchid_uav.cli.progress.evaluation import evaluation_progress
+    from orchid_uav.cli.progress.jobs import job_progress
+    from orchid_uav.experiments.ablation.design import differing_worlds
 
     for name, keys in differing_worlds(study.ablation).items():
         print_note(f"{name} is flown in its own world, which differs in {', '.join(keys)}")
@@ -284,7 +290,7 @@ def _costs(
     quiet: bool,
 ) -> dict[str, float]:
     """How long a run takes, by variant, in seconds."""
-    from orchid_uav.experiments.calibration import seconds_per_episode
+    from orchid_uav.experiments.ablation.calibration import seconds_per_episode
 
     if not quiet:
         print_line(shown, "measuring how long a run takes ...")

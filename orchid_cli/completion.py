@@ -36,7 +36,7 @@ def _listed(known: Iterable[str], incomplete: str, sign: str = "") -> list[str]:
 @_silent
 def runs(ctx: typer.Context, incomplete: str) -> list[str]:
     """Ids, or their parts behind the time; a shell completes paths itself."""
-    from orchid_uav.experiments.run_records import RECORD_FILE, without_time
+    from orchid_uav.experiments.runs.records import RECORD_FILE, without_time
 
     given = ctx.params.get("runs_dir") or os.environ.get("ORCHID_RUNS_DIR") or "runs"
     directory = Path(given).expanduser()
@@ -56,7 +56,7 @@ def runs(ctx: typer.Context, incomplete: str) -> list[str]:
 @_silent
 def methods(ctx: typer.Context, incomplete: str) -> list[str]:
     """Keys and groups."""
-    from orchid_uav.experiments.method_keys import ALL, LEARNED, RULES, known_methods
+    from orchid_uav.experiments.evaluation.method_keys import ALL, LEARNED, RULES, known_methods
 
     return _listed([ALL, LEARNED, RULES, *known_methods()], incomplete)
 
@@ -72,7 +72,7 @@ def metrics(ctx: typer.Context, incomplete: str) -> list[str]:
 @_silent
 def figures(ctx: typer.Context, incomplete: str) -> list[str]:
     """Columns of ``episodes.csv``."""
-    from orchid_uav.experiments.run_index import FIGURES
+    from orchid_uav.experiments.runs.index import FIGURES
 
     return _listed(FIGURES, incomplete)
 
@@ -84,7 +84,7 @@ def assignments(ctx: typer.Context, incomplete: str) -> list[str]:
     Two completions of one key also keep a shell from adding a space behind the sign.
     """
     from orchid_uav.experiments.configuration import RunConfig, flatten
-    from orchid_uav.experiments.run_index import value_text
+    from orchid_uav.experiments.runs.index import value_text
 
     fitting = {
         key: value for key, value in flatten(RunConfig()).items() if key.startswith(incomplete)
@@ -110,13 +110,13 @@ def sort_keys(ctx: typer.Context, incomplete: str) -> list[str]:
 @_silent
 def trackers(ctx: typer.Context, incomplete: str) -> list[str]:
     """For ``--track``."""
-    from orchid_uav.experiments.trackers import TRACKERS
+    from orchid_uav.experiments.training.trackers import TRACKERS
 
     return list(TRACKERS)
 
 
 def _run_keys() -> list[str]:
     from orchid_uav.experiments.configuration import configuration_keys
-    from orchid_uav.experiments.run_index import FIGURES, RECORD_KEYS
+    from orchid_uav.experiments.runs.index import FIGURES, RECORD_KEYS
 
     return [*RECORD_KEYS, *FIGURES, *configuration_keys()]

@@ -6,7 +6,17 @@ from typing import Annotated, Any
 import typer
 
 from orchid_uav.cli.commands import Commands
-from orchid_uav.cli.configuring import (
+from orchid_uav.cli.console import (
+    OUTPUT_PANEL,
+    DebugOption,
+    JsonOption,
+    console,
+    failing_well,
+    print_next_on_terminal,
+    print_note,
+    print_table,
+)
+from orchid_uav.cli.options import (
     AlgorithmOption,
     ConfigOption,
     DistributionOption,
@@ -23,16 +33,6 @@ from orchid_uav.cli.configuring import (
     UsersOption,
     WorldsOption,
     configuration,
-)
-from orchid_uav.cli.console import (
-    OUTPUT_PANEL,
-    DebugOption,
-    JsonOption,
-    console,
-    failing_well,
-    print_next_on_terminal,
-    print_note,
-    print_table,
 )
 from orchid_uav.envs.keys import unit_of, values_of
 from orchid_uav.experiments.configuration import (

@@ -12,7 +12,6 @@ from rich.console import Console
 
 from orchid_uav.cli import completion
 from orchid_uav.cli.commands import SEED
-from orchid_uav.cli.configuring import ConfigOption, SetOption
 from orchid_uav.cli.console import (
     INTERRUPTED,
     OUTPUT_PANEL,
@@ -27,7 +26,8 @@ from orchid_uav.cli.console import (
     print_table,
     stdout_for_json_alone,
 )
-from orchid_uav.envs.notices import show_on_stderr
+from orchid_uav.cli.options import ConfigOption, SetOption
+from orchid_uav.cli.ranges import MOST_VALUES, parse_counts, parse_numbers
 from orchid_uav.experiments.configuration import (
     LEARNING_SECTIONS,
     RunConfig,
@@ -38,13 +38,13 @@ from orchid_uav.experiments.configuration import (
     spare_uavs_note,
 )
 from orchid_uav.experiments.errors import InputError, unknown
-from orchid_uav.experiments.ranges import MOST_VALUES, parse_counts, parse_numbers
-from orchid_uav.experiments.run_records import DEFAULT_RUNS_DIR
+from orchid_uav.experiments.runs.records import DEFAULT_RUNS_DIR
+from orchid_uav.notices import show_on_stderr
 
 if TYPE_CHECKING:
     from orchid_uav.experiments.configuration import Layer
-    from orchid_uav.experiments.evaluation import Plan, Setting
-    from orchid_uav.experiments.methods import Entry
+    from orchid_uav.experiments.evaluation.flights import Plan, Setting
+    from orchid_uav.experiments.evaluation.methods import Entry
 
 _METHODS, _SETTINGS = "Methods", "Settings"
 _DISTRIBUTIONS = ("tcp", "uniform")
@@ -143,9 +143,8 @@ def evaluate(
         if list_methods:
             _list_methods(as_json)
             return
-        from orchid_uav.cli.evaluation_display import evaluation_progress
-        from orchid_uav.experiments.contact_sheet import SHEET_FILE
-        from orchid_uav.experiments.evaluation_files import (
+        from orchid_uav.cli.progress.evaluation import evaluation_progress
+        from orchid_uav.experiments.evaluation.directory import (
             FIGURES_FOLDER,
             describe_plan,
             make_default_directory,
@@ -153,9 +152,9 @@ def evaluate(
             reserve_directory,
             run_evaluation,
         )
-        from orchid_uav.experiments.files import expanded
-        from orchid_uav.experiments.methods import select
-        from orchid_uav.experiments.run_records import find_run
+        from orchid_uav.experiments.evaluation.methods import select
+        from orchid_uav.experiments.figures.contact_sheet import SHEET_FILE
+        from orchid_uav.experiments.runs.records import expanded, find_run
 
         world = _world(config, assignments or [])
         settings = _settings(world, distribution, uavs, users, speeds, heading_hold)
@@ -188,7 +187,7 @@ def evaluate(
         if as_json:
             print(json.dumps(document, allow_nan=False))
         elif document["results"]:
-            from orchid_uav.cli.evaluation_tables import print_tables
+            from orchid_uav.cli.tables.evaluation import print_tables
 
             print_tables(shown, document["results"], shown_metrics)
         if document["status"] == "interrupted":
@@ -219,7 +218,7 @@ def _next_command(settings: list["Setting"], given: list[str]) -> list[str]:
 
 
 def _list_methods(as_json: bool) -> None:
-    from orchid_uav.experiments.methods import groups, ideas
+    from orchid_uav.experiments.evaluation.methods import groups, ideas
 
     if not as_json:
         print_table(console(), ["method", "what it is"], list(ideas().items()), wraps_last=True)
@@ -241,7 +240,7 @@ def _settings(
     heading_hold: str | None,
 ) -> list["Setting"]:
     """All combinations; what is not listed is as the configuration has it."""
-    from orchid_uav.experiments.evaluation import Setting
+    from orchid_uav.experiments.evaluation.flights import Setting
 
     network = world.network
     names = (distribution or network.distribution).split(",")
@@ -263,8 +262,8 @@ def _settings(
 
 
 def _world(config: Path | None, assignments: list[str]) -> "RunConfig":
-    from orchid_uav.experiments.evaluation import SETTING_KEYS
-    from orchid_uav.experiments.methods import METHOD_KEYS
+    from orchid_uav.experiments.configuration import SETTING_KEYS
+    from orchid_uav.experiments.evaluation.methods import METHOD_KEYS
 
     layers: list[Layer] = [] if config is None else [file_layer(config, print_note)]
     given = assignment_layer(assignments)
@@ -295,7 +294,7 @@ def _plan(
     seed: int,
     world: "RunConfig",
 ) -> "Plan":
-    from orchid_uav.experiments.evaluation import Plan
+    from orchid_uav.experiments.evaluation.flights import Plan
 
     plan = Plan(entries, settings, episodes, seed, world.network_parameters)
     plan.check()
@@ -335,7 +334,7 @@ def _announce(out: Console, plan: "Plan", flown: dict[Any, Any]) -> None:
 
 def _tell_differences(plan: "Plan", world: "RunConfig") -> None:
     """Notes on runs that were interrupted, or trained in another world."""
-    from orchid_uav.experiments.evaluation import world_differences
+    from orchid_uav.experiments.evaluation.flights import world_differences
 
     told: set[str] = set()
     for entry in plan.entries:

@@ -13,8 +13,8 @@ from orchid_uav.cli.commands import Commands
 from orchid_uav.cli.console import FAILED, INTERRUPTED, WRONG_INPUT, print_error
 from orchid_uav.cli.eval import evaluate
 from orchid_uav.cli.train import train
-from orchid_uav.envs.notices import show_on_stderr
 from orchid_uav.experiments.output import lasting_output
+from orchid_uav.notices import show_on_stderr
 
 app = Commands(help="ORCHID: fairness-aware orchestration of UAV base stations.")
 app.command()(train)

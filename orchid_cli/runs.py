@@ -20,7 +20,7 @@ from orchid_uav.cli.console import (
     print_next_on_terminal,
     print_note,
 )
-from orchid_uav.cli.runs_display import (
+from orchid_uav.cli.tables.runs import (
     LIST_COLUMNS,
     columns_that_fit,
     print_comparison,
@@ -31,10 +31,10 @@ from orchid_uav.cli.runs_display import (
     print_runs,
 )
 from orchid_uav.experiments.errors import InputError, RunFailedError, unknown
-from orchid_uav.experiments.run_records import find_run, run_argument
+from orchid_uav.experiments.runs.records import find_run, run_argument
 
 if TYPE_CHECKING:
-    from orchid_uav.experiments.run_index import Run
+    from orchid_uav.experiments.runs.index import Run
 
 app = Commands()
 
@@ -132,9 +132,9 @@ def list_runs(
     Example: orchid runs list --where 'rate_jfi>0.7' --sort -rate_jfi
     """
     with failing_well(debug):
-        from orchid_uav.experiments.files import expanded
-        from orchid_uav.experiments.run_filters import Keys, found_values, select
-        from orchid_uav.experiments.run_index import read_index
+        from orchid_uav.experiments.runs.filters import Keys, found_values, select
+        from orchid_uav.experiments.runs.index import read_index
+        from orchid_uav.experiments.runs.records import expanded
 
         index = read_index(expanded(runs_dir))
         keys = Keys(index.runs)
@@ -186,7 +186,7 @@ def show(
     Example: orchid runs show 20261122T2112 --metric rate_jfi --out curve.png
     """
     with failing_well(debug):
-        from orchid_uav.experiments.run_index import details
+        from orchid_uav.experiments.runs.index import details
 
         (found,) = _read([run], runs_dir)
         metrics = _metrics(metric)
@@ -218,7 +218,7 @@ def compare(
     Example: orchid runs compare 20261122T2112 20261122T2115 --out curves.png
     """
     with failing_well(debug):
-        from orchid_uav.experiments.run_index import differences
+        from orchid_uav.experiments.runs.index import differences
 
         found = _read(runs, runs_dir)
         if len(found) < 2 and out_file is None:
@@ -261,8 +261,8 @@ def delete(
     Example: orchid runs delete 20261122T2112
     """
     with failing_well(debug):
-        from orchid_uav.experiments.files import expanded
-        from orchid_uav.experiments.run_removal import plan_removal, remove
+        from orchid_uav.experiments.runs.records import expanded
+        from orchid_uav.experiments.runs.removal import plan_removal, remove
 
         removals = plan_removal(runs, expanded(runs_dir))
         if not yes:
@@ -313,8 +313,8 @@ def export(
     Example: orchid runs export 20261122T2112 --out for-a-colleague.zip
     """
     with failing_well(debug):
-        from orchid_uav.experiments.files import expanded
-        from orchid_uav.experiments.run_archive import export_runs
+        from orchid_uav.experiments.runs.archive import export_runs
+        from orchid_uav.experiments.runs.records import expanded
 
         paths = [find_run(name, expanded(runs_dir)) for name in runs]
         if out_file is None and len(paths) > 1:
@@ -344,8 +344,8 @@ def import_archive(
     Example: orchid runs import from-a-colleague.zip
     """
     with failing_well(debug):
-        from orchid_uav.experiments.files import expanded
-        from orchid_uav.experiments.run_archive import import_runs
+        from orchid_uav.experiments.runs.archive import import_runs
+        from orchid_uav.experiments.runs.records import expanded
 
         paths = import_runs(expanded(archive), expanded(runs_dir))
         if as_json:
@@ -371,8 +371,8 @@ def _suggest_flying(runs: "list[Run]") -> None:
 
 
 def _read(names: list[str], runs_dir: Path) -> "list[Run]":
-    from orchid_uav.experiments.files import expanded
-    from orchid_uav.experiments.run_index import read_run
+    from orchid_uav.experiments.runs.index import read_run
+    from orchid_uav.experiments.runs.records import expanded
 
     runs = [read_run(find_run(name, expanded(runs_dir))) for name in names]
     places = [run.path.resolve() for run in runs]
@@ -392,7 +392,7 @@ def _is_confirmed(question: str) -> bool:
 
 
 def _metrics(given: str | None) -> list[str]:
-    from orchid_uav.experiments.run_index import FIGURES
+    from orchid_uav.experiments.runs.index import FIGURES
 
     names = [name.strip() for name in given.split(",")] if given else []
     for name in names:
@@ -402,11 +402,11 @@ def _metrics(given: str | None) -> list[str]:
 
 
 def _draw(runs: "list[Run]", path: Path, metrics: list[str], window: int) -> None:
-    from orchid_uav.experiments.curves import DEFAULT_COLUMNS
-    from orchid_uav.experiments.figure_style import setting_of
-    from orchid_uav.experiments.files import expanded
-    from orchid_uav.experiments.learning_curves import FORMATS, draw_learning_curves
-    from orchid_uav.experiments.run_index import read_log, short_names
+    from orchid_uav.experiments.figures.learning_curves import FORMATS, draw_learning_curves
+    from orchid_uav.experiments.figures.style import setting_of
+    from orchid_uav.experiments.runs.index import read_log, short_names
+    from orchid_uav.experiments.runs.records import expanded
+    from orchid_uav.experiments.statistics.curves import DEFAULT_COLUMNS
 
     if path.suffix not in FORMATS:
         raise InputError(f"--out {path} ends in none of {', '.join(FORMATS)}")

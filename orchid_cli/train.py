@@ -10,7 +10,22 @@ import typer
 from rich.console import Console
 
 from orchid_uav.cli import completion
-from orchid_uav.cli.configuring import (
+from orchid_uav.cli.console import (
+    INTERRUPTED,
+    OUTPUT_PANEL,
+    DebugOption,
+    JsonOption,
+    QuietOption,
+    console,
+    failing_well,
+    has_cursor,
+    print_line,
+    print_next,
+    print_note,
+    print_table,
+    stdout_for_json_alone,
+)
+from orchid_uav.cli.options import (
     AlgorithmOption,
     ConfigOption,
     DistributionOption,
@@ -28,28 +43,12 @@ from orchid_uav.cli.configuring import (
     WorldsOption,
     configuration,
 )
-from orchid_uav.cli.console import (
-    INTERRUPTED,
-    OUTPUT_PANEL,
-    DebugOption,
-    JsonOption,
-    QuietOption,
-    console,
-    failing_well,
-    has_cursor,
-    print_line,
-    print_next,
-    print_note,
-    print_table,
-    stdout_for_json_alone,
-)
-from orchid_uav.envs.notices import show_on_stderr
 from orchid_uav.experiments.configuration import FLAGS, RunConfig, spare_uavs_note
 from orchid_uav.experiments.errors import InputError, RunFailedError
-from orchid_uav.experiments.files import expanded
 from orchid_uav.experiments.provenance import describe_versions
-from orchid_uav.experiments.run_records import (
+from orchid_uav.experiments.runs.records import (
     DEFAULT_RUNS_DIR,
+    expanded,
     find_run,
     has_checkpoint,
     name_of,
@@ -59,10 +58,11 @@ from orchid_uav.experiments.run_records import (
     run_argument,
     status_of,
 )
+from orchid_uav.notices import show_on_stderr
 
 if TYPE_CHECKING:
-    from orchid_uav.experiments.run_directory import RunDirectory
-    from orchid_uav.experiments.training import Reporter, TrainingOutcome
+    from orchid_uav.experiments.runs.directory import RunDirectory
+    from orchid_uav.experiments.training.loop import Reporter, TrainingOutcome
 
 _OF_NEW_RUNS = {
     "--preset": "preset",
@@ -144,10 +144,10 @@ def train(
         else:
             path, merged = _continuation(context, find_run(resume, expanded(runs_dir)))
         # torch and SB3 take seconds to import: not before the input is known to be right.
-        from orchid_uav.experiments import trackers
         from orchid_uav.experiments.interruption import interruption_requests
-        from orchid_uav.experiments.run_directory import RunDirectory
-        from orchid_uav.experiments.training import train as run_training
+        from orchid_uav.experiments.runs.directory import RunDirectory
+        from orchid_uav.experiments.training import trackers
+        from orchid_uav.experiments.training.loop import train as run_training
 
         wanted = list(dict.fromkeys(["tensorboard", *(track or [])]))
         for tracker in wanted:
@@ -264,7 +264,7 @@ def _print_continuation(path: Path) -> None:
 
 
 def _reporter(out: Console, quiet: bool) -> "Reporter":
-    from orchid_uav.cli.display import LineReporter, LiveReporter, SilentReporter
+    from orchid_uav.cli.progress.training import LineReporter, LiveReporter, SilentReporter
 
     if quiet:
         return SilentReporter()
@@ -272,8 +272,8 @@ def _reporter(out: Console, quiet: bool) -> "Reporter":
 
 
 def _print_outcome(out: Console, outcome: "TrainingOutcome") -> None:
-    from orchid_uav.cli.display import figure_texts
-    from orchid_uav.experiments.run_directory import FINAL_EPISODES
+    from orchid_uav.cli.progress.training import figure_texts
+    from orchid_uav.experiments.runs.directory import FINAL_EPISODES
 
     rows = len(outcome.rows)
     if rows:

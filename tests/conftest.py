@@ -10,7 +10,7 @@ import torch
 
 from orchid_uav.envs import WorldBatch
 from orchid_uav.envs.diagnostics import Diagnostics
-from tests.running import Finished, fingerprint
+from tests.helpers.processes import Finished, fingerprint
 
 
 @pytest.fixture(autouse=True, scope="session")

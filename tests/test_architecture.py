@@ -1,163 +1,157 @@
-"""What the folders may import, and that everything is shipped."""
+"""What the rooms may import, how large they are, and that everything is shipped."""
 
 import ast
-import re
-import runpy
 import sys
 import tomllib
 from pathlib import Path
 
 import pytest
-from packaging.requirements import Requirement
-from packaging.specifiers import SpecifierSet
-from packaging.utils import canonicalize_name
-from packaging.version import Version
-
-from orchid_uav import python_version
-from orchid_uav.envs import extras
 
 ROOT = Path(__file__).parent.parent
-ROOMS = ["envs", "agents", "callbacks", "experiments", "orchid_cli"]
-"""Top to bottom: a room may import from those before it, and from itself."""
-PACKAGES = {"orchid_cli": "cli"}
-PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
-REQUIREMENTS = [
-    requirement
-    for line in [
-        *PROJECT["project"]["dependencies"],
-        *(line for lines in PROJECT["project"]["optional-dependencies"].values() for line in lines),
-    ]
-    if (requirement := Requirement(line)).name != "orchid-uav"
-]
-"""What this project asks for itself, extras included."""
+
+PLACES = {
+    "": "src/orchid_uav",
+    "envs": "envs",
+    "agents": "agents",
+    "callbacks": "callbacks",
+    "experiments": "experiments",
+    "cli": "orchid_cli",
+}
+"""Folders of the rooms, top to bottom: a room may import those before it, and itself. The first is
+the ground, which all may import; its ``__main__``, which starts the command, stands on top."""
+
+LIBRARIES = {
+    "": {"gymnasium", "numpy", "pydantic", "safetensors"},
+    "envs": {
+        "annotated_types",
+        "gymnasium",
+        "numba",
+        "numpy",
+        "pettingzoo",
+        "pydantic",
+        "scipy",
+        "sklearn",
+    }
+    | {"stable_baselines3", "supersuit", "threadpoolctl"},
+    "agents": {"cma", "gymnasium", "numpy", "safetensors", "scipy", "stable_baselines3", "torch"},
+    "callbacks": {"stable_baselines3", "torch"},
+    "experiments": {"filelock", "matplotlib", "mlflow", "numpy", "pyarrow", "pydantic", "scipy"}
+    | {"safetensors", "stable_baselines3", "tensorboard", "threadpoolctl", "torch", "trackio"},
+    "cli": {"rich", "typer"},  # no logic of its own, hence neither numpy nor torch
+}
+"""What each room may import of other people's."""
+
+STOREYS = (
+    {"configuration", "configuration_files", "errors", "interruption", "metrics", "output"}
+    | {"provenance"},
+    {"jobs", "statistics"},
+    {"figures", "runs"},
+    {"evaluation", "training"},
+    {"ablation"},
+)
+"""Of ``experiments/``: flat files first, then rooms. Each may import what stands before its own."""
+
+MOST_FILES = 25
+"""In one folder; more than that is no room but a heap."""
 
 
 def imports_of(path: Path) -> set[str]:
     found = set()
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path}: relative import"
             found.add(node.module or "")
-            if node.module == "orchid_uav":
-                found |= {f"orchid_uav.{alias.name}" for alias in node.names}
+            if node.module in ("orchid_uav", "orchid_uav.experiments"):
+                found |= {f"{node.module}.{alias.name}" for alias in node.names}
     return found
 
 
-@pytest.mark.parametrize("room", ROOMS)
+def modules_of(folder: str) -> list[Path]:
+    found = sorted((ROOT / folder).rglob("*.py"))
+    return [path for path in found if path.name != "__main__.py"]
+
+
+@pytest.mark.parametrize("room", PLACES)
 def test_imports_go_one_way(room):
-    allowed = {PACKAGES.get(name, name) for name in ROOMS[: ROOMS.index(room) + 1]}
-    for path in (ROOT / room).rglob("*.py"):
+    rooms = list(PLACES)
+    below = set(rooms[rooms.index(room) + 1 :])
+    for path in modules_of(PLACES[room]):
         for module in imports_of(path):
             root, _, rest = module.partition(".")
-            if root == "orchid_uav" and rest and rest != "__version__":
-                assert rest.split(".")[0] in allowed, f"{path} imports {module}"
-            assert root not in ROOMS, f"{path} imports {module} by its folder's name"
+            if root == "orchid_uav":
+                assert rest.split(".")[0] not in below, f"{path} imports {module}"
 
 
-def test_the_command_has_no_logic_of_its_own():
-    for path in (ROOT / "orchid_cli").rglob("*.py"):
-        roots = {module.split(".")[0] for module in imports_of(path)}
-        assert not roots & {"torch", "numpy", "stable_baselines3"}, path
+@pytest.mark.parametrize("room", PLACES)
+def test_every_room_keeps_to_its_libraries(room):
+    allowed = {*sys.stdlib_module_names, *LIBRARIES[room], "orchid_uav"}
+    for path in modules_of(PLACES[room]):
+        foreign = {module.split(".")[0] for module in imports_of(path)} - allowed
+        # The folders' bare names, such as envs, are other people's packages.
+        assert not foreign, f"{path} imports {foreign}"
+
+
+def test_libraries_of_learning_stay_out_of_the_simulator():
+    for path in modules_of("envs"):
+        if "interfaces" not in path.parts:
+            roots = {module.split(".")[0] for module in imports_of(path)}
+            assert not roots & {"stable_baselines3", "supersuit", "torch"}, path
+
+
+def test_studies_are_built_in_storeys():
+    storeys = {name: level for level, names in enumerate(STOREYS) for name in names}
+    for path in modules_of("experiments"):
+        own = path.relative_to(ROOT / "experiments").parts[0].removesuffix(".py")
+        if own == "__init__":
+            continue
+        for module in imports_of(path):
+            parts = module.split(".")
+            if parts[:2] == ["orchid_uav", "experiments"] and len(parts) > 2 and parts[2] != own:
+                assert storeys[parts[2]] <= storeys[own], f"{path} imports {module}"
+                if storeys[own]:  # flat files may use each other
+                    assert storeys[parts[2]] < storeys[own], f"{path} imports {module}"
 
 
 def test_nothing_is_unpickled():
-    for room in ROOMS:
-        for path in (ROOT / room).rglob("*.py"):
+    for folder in PLACES.values():
+        for path in modules_of(folder):
             roots = {module.split(".")[0] for module in imports_of(path)}
             assert not roots & {"pickle", "cloudpickle", "joblib", "dill"}, path
 
 
 def test_every_folder_of_code_is_packaged():
-    project = PROJECT["tool"]["setuptools"]
-    shipped = set(project["package-dir"].values())
-    folders = {
-        str(path.parent.relative_to(ROOT))
-        for room in [*ROOMS, "src", "runs/reference"]
-        for path in (ROOT / room).rglob("__init__.py")
-    }
-    assert folders == shipped
-    assert set(project["packages"]) == set(project["package-dir"])
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    settings = project["tool"]["setuptools"]
+    tops = {folder: name for name, folder in settings["package-dir"].items()}
+    expected = set()
+    for folder, name in tops.items():
+        for path in (ROOT / folder).rglob("__init__.py"):
+            inner = path.parent.relative_to(ROOT / folder).parts
+            expected.add(".".join((name, *inner)))
+    assert set(settings["packages"]) == expected
+    for folder in PLACES.values():
+        for path in modules_of(folder):
+            assert (path.parent / "__init__.py").is_file(), f"{path} lies in no package"
+
+
+def test_no_room_is_a_heap():
+    for folder in (*PLACES.values(), "benchmarks", "studies", "tests"):
+        for path in (ROOT / folder, *(ROOT / folder).rglob("*")):
+            if path.is_dir():
+                count = len(list(path.glob("*.py")))
+                assert count <= MOST_FILES, f"{path} holds {count} files"
+
+
+def test_tests_lie_in_the_rooms_of_what_they_test():
+    rooms = {*PLACES, "storage", "studies", "helpers", "data"}
+    folders = {path.name for path in (ROOT / "tests").iterdir() if path.is_dir()}
+    assert folders - {"__pycache__"} <= rooms
 
 
 def test_files_are_short_enough_to_hold_in_the_head():
-    for room in ROOMS:
-        for path in (ROOT / room).rglob("*.py"):
-            lines = len(path.read_text().splitlines())
+    for folder in PLACES.values():
+        for path in modules_of(folder):
+            lines = len(path.read_text(encoding="utf-8").splitlines())
             assert lines <= 500, f"{path} has {lines} lines"
-
-
-def pins_of(name: str) -> dict[str, Version]:
-    """The versions in a file of constraints, which holds nothing else."""
-    lines = (ROOT / name).read_text().splitlines()
-    pins = [line.split("==") for line in lines if not line.startswith("#")]
-    assert all(re.fullmatch(r"[\w.-]+", part) for pin in pins for part in pin), "an address?"
-    return {canonicalize_name(package): Version(version) for package, version in pins}
-
-
-class TestDependencies:
-    @pytest.mark.parametrize("requirement", REQUIREMENTS, ids=lambda requirement: requirement.name)
-    def test_its_bound_is_the_version_that_make_test_lowest_takes(self, requirement):
-        lowest = pins_of("constraints-lowest.txt")[canonicalize_name(requirement.name)]
-        assert requirement.specifier == SpecifierSet(f">={lowest}")
-
-    @pytest.mark.parametrize("requirement", REQUIREMENTS, ids=lambda requirement: requirement.name)
-    def test_it_is_pinned_and_the_pin_will_do(self, requirement):
-        assert pins_of("constraints.txt")[canonicalize_name(requirement.name)] in (
-            requirement.specifier
-        )
-
-    def test_the_extras_are_installed_by_what_their_hint_names(self, monkeypatch):
-        # In pyproject.toml's words, which pip understands wherever the project itself came from.
-        monkeypatch.setattr(sys, "executable", "/home/a b/.venv/bin/python")
-        for extra, packages in PROJECT["project"]["optional-dependencies"].items():
-            if extra != "dev":
-                assert extras.extra_requirements(extra) == packages
-        monkeypatch.setattr(sys, "platform", "linux")
-        command = "'/home/a b/.venv/bin/python' -m pip install 'mlflow>=3.0'"
-        assert extras.install_command("mlflow") == command
-        monkeypatch.setattr(sys, "platform", "win32")
-        assert extras.install_command("mlflow") == command.replace("'", '"')
-
-    def test_where_pip_is_missing_the_hint_is_for_uv(self, monkeypatch):
-        monkeypatch.setattr(sys, "platform", "linux")
-        monkeypatch.setattr(sys, "executable", "/venv/bin/python")
-        monkeypatch.setattr(extras.PathFinder, "find_spec", lambda name: None)
-        monkeypatch.setattr(extras.shutil, "which", lambda name: f"/usr/bin/{name}")
-        assert extras.install_command("supersuit") == (
-            "uv pip install --python /venv/bin/python 'supersuit>=3.10'"
-        )
-
-
-class TestPythonVersion:
-    def test_one_is_the_oldest_everywhere(self):
-        oldest = ".".join(map(str, python_version.OLDEST))
-        assert PROJECT["project"]["requires-python"] == f">={oldest}"
-        assert PROJECT["tool"]["ruff"]["target-version"] == f"py{oldest.replace('.', '')}"
-        listed = [
-            line.rpartition(" ")[2]
-            for line in PROJECT["project"]["classifiers"]
-            if line.startswith("Programming Language :: Python :: 3.")
-        ]
-        assert listed[0] == oldest
-        for page in ("README.md", "CONTRIBUTING.md"):
-            assert f"Python {oldest} to {listed[-1]}" in (ROOT / page).read_text(), page
-
-    @pytest.mark.parametrize("path", ["setup.py", "src/orchid_uav/python_version.py"])
-    def test_an_old_one_is_told_in_a_line(self, path, monkeypatch, capsys):
-        monkeypatch.chdir(ROOT)
-        monkeypatch.setattr(sys, "version_info", (3, 10, 13))
-        with pytest.raises(SystemExit) as stop:
-            runpy.run_path(path, run_name="__main__")
-        assert re.fullmatch(r"ORCHID needs Python 3\.11 or newer, and .*\.", stop.value.code)
-
-    def test_an_old_one_cannot_import_it(self, monkeypatch):
-        monkeypatch.setattr(sys, "version_info", (3, 10, 13))
-        with pytest.raises(ImportError, match=r"needs Python 3\.11 or newer") as refusal:
-            runpy.run_path(str(ROOT / "src" / "orchid_uav" / "__init__.py"), run_name="orchid_uav")
-        assert refusal.value.name == "orchid_uav"  # what runpy shows without a traceback
-
-    @pytest.mark.parametrize("path", ["setup.py", *(ROOT / "src" / "orchid_uav").glob("*.py")])
-    def test_old_ones_can_read_what_tells_them(self, path):
-        ast.parse((ROOT / path).read_text(), feature_version=(3, 7))

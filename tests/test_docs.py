@@ -12,18 +12,29 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.deployment import RESULT, fly
-from docs import ablations
-from docs.generate import configuration_page, pages
-from docs.studies import FIGURE_SOURCES, coverage_sentence, figure_digests, metrics_table
 from orchid_uav.experiments.configuration import configuration_keys
-from tests.running import TINY
+from studies.deployment import RESULT, fly
+from studies.pages import ablation as ablations
+from studies.pages.evaluation import FIGURE_SOURCES, coverage_sentence, figure_digests
+from studies.pages.generate import configuration_page, pages
+from studies.pages.markdown import metrics_table
+from tests.helpers.processes import TINY
 
 ROOT = Path(__file__).parent.parent
 PROSE = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")])
 MODEL = (ROOT / "docs" / "model.md").read_text(encoding="utf-8")
 FORMULA = re.compile(r"^\$\$\n(.*?)\n\$\$$|(?<!\$)\$([^$\n]+)\$(?!\$)", re.MULTILINE | re.DOTALL)
-ROOMS = ("agents", "benchmarks", "callbacks", "docs", "envs", "examples", "runs", "tests")
+ROOMS = (
+    "agents",
+    "benchmarks",
+    "callbacks",
+    "docs",
+    "envs",
+    "examples",
+    "runs",
+    "studies",
+    "tests",
+)
 
 
 @pytest.mark.parametrize("path", pages(), ids=lambda path: path.name)
@@ -125,7 +136,7 @@ class TestModel:
         code = "\n".join(
             path.read_text(encoding="utf-8")
             for room in ("agents", "callbacks", "envs")
-            for path in (ROOT / room).glob("*.py")
+            for path in (ROOT / room).rglob("*.py")
         )
         names = re.findall(r"`(?:MAPPO\.)?(\w+)`", formulas)
         assert len(names) > 40
@@ -136,7 +147,7 @@ class TestModel:
 
     def test_decisions_that_the_code_names_are_described(self):
         for room in ("agents", "callbacks", "envs", "experiments"):
-            for path in (ROOT / room).glob("*.py"):
+            for path in (ROOT / room).rglob("*.py"):
                 for decision in re.findall(r"\bM\d+\b", path.read_text(encoding="utf-8")):
                     assert f"| {decision} |" in MODEL, f"{path}: {decision}"
 

@@ -18,6 +18,6 @@ __version__ = version("orchid-uav")
 
 gymnasium.register(
     id="orchid/Fleet-v0",
-    entry_point="orchid_uav.envs.joint:FleetEnv",
-    vector_entry_point="orchid_uav.envs.joint:FleetVectorEnv",
+    entry_point="orchid_uav.envs.interfaces.gymnasium_env:FleetEnv",
+    vector_entry_point="orchid_uav.envs.interfaces.gymnasium_env:FleetVectorEnv",
 )

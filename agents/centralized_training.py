@@ -1,0 +1,188 @@
+"""What both learners have in common besides SB3's base classes."""
+
+import math
+from collections.abc import Mapping
+from typing import Any, cast
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.type_aliases import Schedule
+from stable_baselines3.common.utils import FloatSchedule
+
+from orchid_uav.storage.tensors import TensorKind, Tensors
+
+Rows = dict[str, NDArray[np.float32]]
+"""{"observation": (rows, O), "state": (rows, S)}."""
+
+
+class DivergedError(ArithmeticError):
+    """Learning led to numbers that are not finite."""
+
+
+_COUNTERS: dict[str, type] = {
+    "num_timesteps": int,
+    "_n_updates": int,
+    "_episode_num": int,
+    "_current_progress_remaining": float,
+    "learning_rate_scale": float,
+    "scheduled_rate_scale": float,
+    "ent_coef": float,
+}
+_MOMENTS = ["exp_avg", "exp_avg_sq", "step"]
+"""What Adam remembers of a parameter."""
+_WEIGHTS, _OPTIMIZER = "weights", "optimizer"
+
+
+class CentralizedTraining(BaseAlgorithm):
+    """Mixin: rows ordered world by world, two learning rates, a budget kept to the world.
+
+    The policy has one optimizer with the parameter groups "actor" and "critic", in this order.
+    """
+
+    critic_learning_rate: float | Schedule
+    learning_rate_scale: float = 1.0
+    """Factor on both learning rates; Reset-and-Finetune lowers it."""
+    scheduled_rate_scale: float = 1.0
+    """Another one, which follows training progress."""
+    agents_per_world: int
+
+    def _find_agents_per_world(self) -> None:
+        # A model that is loaded without an environment keeps the number that it was saved with.
+        self.agents_per_world = getattr(self, "agents_per_world", 1)
+        if self.env is not None and self.env.has_attr("agents_per_world"):
+            self.agents_per_world = int(self.env.get_attr("agents_per_world", [0])[0])
+
+    def _setup_lr_schedule(self) -> None:
+        super()._setup_lr_schedule()
+        self.critic_lr_schedule = FloatSchedule(self.critic_learning_rate)
+
+    @property
+    def learning_rates(self) -> tuple[float, float]:
+        """The actor's and the critic's learning rates in force."""
+        progress = self._current_progress_remaining
+        scale = self.learning_rate_scale * self.scheduled_rate_scale
+        return self.lr_schedule(progress) * scale, self.critic_lr_schedule(progress) * scale
+
+    @property
+    def optimizers(self) -> list[torch.optim.Optimizer]:
+        """All optimizers; Reset-and-Finetune clears their states."""
+        return [self.policy.optimizer]
+
+    def _update_learning_rate(
+        self, optimizers: list[torch.optim.Optimizer] | torch.optim.Optimizer
+    ) -> None:
+        """Give each parameter group its own rate; SB3 would give all of them the first one."""
+        for group, rate in zip(
+            self.policy.optimizer.param_groups, self.learning_rates, strict=True
+        ):
+            group["lr"] = rate
+
+    def _log_learning_rates(self) -> None:
+        for group in self.policy.optimizer.param_groups:
+            self.logger.record(f"train/{group['name']}_learning_rate", group["lr"])
+
+    def _check_losses(self, figures: Mapping[str, float]) -> None:
+        """Raise DivergedError if one of an update's figures is not a finite number."""
+        for name, figure in figures.items():
+            if not math.isfinite(figure):
+                raise DivergedError(f"update {self._n_updates}: {name} is {figure}")
+
+    def _check_actions(self, actions: NDArray[np.float32]) -> None:
+        """Raise DivergedError if the policy gives actions that are not finite numbers."""
+        if not np.isfinite(actions).all():
+            raise DivergedError(f"after update {self._n_updates}: an action is not a finite number")
+
+    def _last_rows(self) -> tuple[Rows, NDArray[np.bool_]]:
+        """The latest observation, and which rows begin an episode with it."""
+        rows = single_precision(cast(Rows, self._last_obs))
+        return rows, cast(NDArray[np.bool_], self._last_episode_starts)
+
+    def _rows_within_budget(self, rows: int, steps: int) -> int:
+        """Rows of as many worlds as have an episode of ``steps`` steps left to fly (M33)."""
+        worlds_left = (self._total_timesteps - self.num_timesteps) / (steps * self.agents_per_world)
+        return min(rows, max(1, int(np.ceil(worlds_left))) * self.agents_per_world)
+
+    # What a learner has to remember between two rollouts, for a run that goes on later. The
+    # generators of torch, which all of its random numbers come from, belong to the process.
+
+    def training_state(self) -> tuple[dict[str, Any], dict[str, Tensors]]:
+        """Counters, and tensors by the name of the file that they belong in.
+
+        Raises:
+            DivergedError: a weight is not a finite number.
+        """
+        weights = {name: _array(tensor) for name, tensor in self.policy.state_dict().items()}
+        for name, array in weights.items():
+            if not np.isfinite(array).all():
+                raise DivergedError(f"after update {self._n_updates} {name} is not finite")
+        document: dict[str, Any] = {
+            name: kind(getattr(self, name))
+            for name, kind in _COUNTERS.items()
+            if hasattr(self, name)
+        }
+        optimizer = self.policy.optimizer
+        document["optimizer"] = {
+            str(index): sorted(optimizer.state[parameter])
+            for index, parameter in enumerate(self._optimized())
+            if parameter in optimizer.state
+        }
+        moments = {
+            f"{index}.{name}": _array(optimizer.state[parameter][name])
+            for index, parameter in enumerate(self._optimized())
+            for name in sorted(optimizer.state.get(parameter, ()))
+        }
+        return document, {_WEIGHTS: weights, _OPTIMIZER: moments}
+
+    def training_state_kinds(self, document: Mapping[str, Any]) -> dict[str, dict[str, TensorKind]]:
+        """Shapes and types of the tensors that belong to counters of :meth:`training_state`."""
+        weights = {
+            name: TensorKind.of(_array(tensor)) for name, tensor in self.policy.state_dict().items()
+        }
+        parameters = self._optimized()
+        moments = {}
+        for index, names in document["optimizer"].items():
+            if names != _MOMENTS or index not in map(str, range(len(parameters))):
+                raise ValueError(f"Adam has no {names!r} of parameter {index!r}")
+            parameter = TensorKind.of(_array(parameters[int(index)]))
+            for name in names:
+                scalar = TensorKind((), parameter.dtype)
+                moments[f"{index}.{name}"] = scalar if name == "step" else parameter
+        return {_WEIGHTS: weights, _OPTIMIZER: moments}
+
+    def restore_training_state(
+        self, document: Mapping[str, Any], tensors: Mapping[str, Tensors]
+    ) -> None:
+        """Be as the learner was that :meth:`training_state` was asked of."""
+        for name, kind in _COUNTERS.items():
+            if name in document:
+                setattr(self, name, kind(document[name]))
+        self.policy.load_state_dict(
+            {name: torch.from_numpy(array) for name, array in tensors[_WEIGHTS].items()}
+        )
+        optimizer = self.policy.optimizer
+        optimizer.state.clear()
+        parameters = self._optimized()
+        for index, names in document["optimizer"].items():
+            parameter = parameters[int(index)]
+            optimizer.state[parameter] = {
+                name: torch.from_numpy(tensors[_OPTIMIZER][f"{index}.{name}"]).to(parameter.device)
+                for name in names
+            }
+
+    def _optimized(self) -> list[torch.nn.Parameter]:
+        return [
+            parameter
+            for group in self.policy.optimizer.param_groups
+            for parameter in group["params"]
+        ]
+
+
+def single_precision(rows: Mapping[str, NDArray[Any]]) -> Rows:
+    """Rows of any numbers as float32, in which networks and buffers hold them."""
+    return {key: np.asarray(values, np.float32) for key, values in rows.items()}
+
+
+def _array(tensor: torch.Tensor) -> NDArray[Any]:
+    return tensor.detach().cpu().numpy().copy()

@@ -1,0 +1,1 @@
+"""What returns actions: rules, the planner, and learned policies."""

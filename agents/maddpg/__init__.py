@@ -1,0 +1,1 @@
+"""MADDPG: algorithm, policy and replay buffer."""

@@ -1,0 +1,1 @@
+"""MAPPO: algorithm, policy and rollout buffer."""

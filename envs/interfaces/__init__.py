@@ -1,0 +1,1 @@
+"""The network as PettingZoo, Gymnasium and SB3 environments."""

@@ -1,0 +1,105 @@
+"""Ways to make an environment from a few keywords."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from orchid_uav.envs.interfaces.pettingzoo_env import FleetParallelEnv
+from orchid_uav.envs.parameters import Parameters
+from orchid_uav.extras import import_extra
+
+if TYPE_CHECKING:
+    from pettingzoo import ParallelEnv
+    from stable_baselines3.common.vec_env import VecEnv
+
+    from orchid_uav.envs.interfaces.sb3_vec_env import FleetVecEnv
+
+
+def fleet_parameters(
+    uavs: int | None = None,
+    users: int | ArrayLike | None = None,
+    distribution: Literal["tcp", "uniform"] | None = None,
+    objective: Literal["mmf", "pf"] | None = None,
+    speed_mps: float | None = None,
+    observation: Literal["paper"] | None = None,
+    init: Literal["kmeans", "random"] | None = None,
+    parameters: Parameters | None = None,
+    **overrides: Any,
+) -> dict[str, Any]:
+    """The keywords of every environment, as arguments of :class:`WorldBatch`.
+
+    Args:
+        uavs: ``network.uav_count``.
+        users: ``network.user_count``, or the users' positions (M, 2) in m.
+        distribution: ``network.distribution``.
+        objective: ``reward.objective``.
+        speed_mps: ``network.user_speed_mps``.
+        observation: ``uav.observation``.
+        init: ``deployment.init``.
+        parameters: what the other keywords are applied to; Table I by default.
+        overrides: any other parameter by its name, ``heading_hold_s=20.0``, or with its section,
+            ``**{"network.heading_hold_s": 20.0}``.
+
+    Raises:
+        ValueError: an unknown name, or a value that does not fit.
+    """
+    named: dict[str, Any] = {
+        "network.uav_count": uavs,
+        "network.distribution": distribution,
+        "reward.objective": objective,
+        "network.user_speed_mps": speed_mps,
+        "uav.observation": observation,
+        "deployment.init": init,
+    }
+    positions = None
+    if users is None or isinstance(users, int | np.integer):
+        named["network.user_count"] = users
+    else:
+        positions = np.asarray(users, dtype=np.float64)
+        named["network.user_count"] = len(positions) if positions.ndim else None
+    chosen = {name: value for name, value in named.items() if value is not None}
+    return {
+        "parameters": (parameters or Parameters()).with_overrides({**chosen, **overrides}),
+        "user_positions_m": positions,
+    }
+
+
+def parallel_env(**keywords: Any) -> FleetParallelEnv:
+    """A PettingZoo environment, one agent per UAV; keywords: :func:`fleet_parameters`."""
+    return FleetParallelEnv(**fleet_parameters(**keywords))
+
+
+def make_vec_env(worlds: int = 1, seed: int | None = 0, **keywords: Any) -> "FleetVecEnv":
+    """An SB3 ``VecEnv`` that steps all worlds at once, a row per UAV.
+
+    Row = world·N + UAV. Observations are {"observation": (rows, 16), "state": (rows, S)}.
+
+    Args:
+        worlds: number of parallel worlds.
+        seed: of all worlds; see :func:`orchid_uav.envs.world.world_seeds`.
+        keywords: :func:`fleet_parameters`.
+    """
+    from orchid_uav.envs.interfaces.sb3_vec_env import FleetVecEnv
+
+    return FleetVecEnv(worlds=worlds, seed=seed, **fleet_parameters(**keywords))
+
+
+def make_supersuit_vec_env(
+    make_env: "Callable[[], ParallelEnv[Any, Any, Any]]", worlds: int = 1, seed: int | None = 0
+) -> "VecEnv":
+    """An SB3 ``VecEnv`` over any PettingZoo environment with ``state()``, through SuperSuit.
+
+    Args:
+        make_env: makes one world; called once for each.
+        worlds: number of worlds, stepped one after the other.
+        seed: of all worlds, spread over them like that of :func:`make_vec_env`.
+
+    Raises:
+        ImportError: SuperSuit, the extra ``supersuit``, is not installed.
+    """
+    import_extra("supersuit")
+    from orchid_uav.envs.interfaces.supersuit_vec_env import SuperSuitVecEnv
+
+    return SuperSuitVecEnv([make_env] * worlds, seed=seed)

@@ -1,0 +1,33 @@
+"""How long training takes here, measured before much of it is begun."""
+
+import time
+
+from stable_baselines3.common.logger import Logger
+
+from orchid_uav.envs.interfaces.sb3_vec_env import FleetVecEnv
+from orchid_uav.experiments.configuration import RunConfig
+from orchid_uav.experiments.errors import RunFailedError
+from orchid_uav.experiments.training.builders import build_model, set_up_torch
+
+_ROUNDS = 2
+
+
+def seconds_per_episode(config: RunConfig) -> float:
+    """Seconds that an episode and the updates on it take, after compilation and a first round.
+
+    Raises:
+        RunFailedError: such runs fail in their first episodes.
+    """
+    set_up_torch(config.training.threads)
+    worlds = config.training.worlds
+    try:
+        env = FleetVecEnv(config.network_parameters, worlds, config.training.seed)
+        model = build_model(config, env)
+        model.set_logger(Logger(folder=None, output_formats=[]))
+        rows = worlds * config.network.episode_slots * env.agents_per_world
+        model.learn(rows, log_interval=None)  # type: ignore[arg-type]  # nothing is logged
+        began_s = time.perf_counter()
+        model.learn(_ROUNDS * rows, log_interval=None, reset_num_timesteps=False)  # type: ignore[arg-type]
+        return (time.perf_counter() - began_s) / (_ROUNDS * worlds)
+    except Exception as error:  # whatever a training run would record
+        raise RunFailedError(f"{type(error).__name__} in the first episodes") from error

@@ -1,0 +1,320 @@
+"""A base and its variants: trained on the same seeds, flown over the same topologies, compared."""
+
+import math
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import fmean, median
+from typing import Any
+
+from orchid_uav.callbacks.reset_and_finetune import has_plateaued
+from orchid_uav.envs.metrics import REWARD
+from orchid_uav.experiments.ablation.variants import BASE, Variant, applied
+from orchid_uav.experiments.configuration import (
+    LEARNING_SECTIONS,
+    RunConfig,
+    flatten,
+    reward_differences,
+)
+from orchid_uav.experiments.evaluation.flights import Plan, Setting
+from orchid_uav.experiments.evaluation.methods import (
+    METHOD_KEYS,
+    Entry,
+    Policy,
+    read_run,
+    rows_of,
+    rules,
+)
+from orchid_uav.experiments.metrics import METRICS
+from orchid_uav.experiments.runs.directory import FINAL_EPISODES, Row, final_figures
+from orchid_uav.experiments.statistics.comparison import (
+    compare_families,
+    compare_pairs,
+    describe_seeds,
+)
+from orchid_uav.experiments.training.job import TrainingJob
+
+FLOWN = (
+    "coverage",
+    "energy_efficiency_bit_per_joule",
+    "rate_jfi",
+    "load_jfi",
+    "worst_rate_bps",
+    "utility",
+)
+"""Figures of the held-out topologies that are compared: one family of tests per variant."""
+TRAINED = (REWARD, *FLOWN[:-1])
+"""Figures of the last training episodes that are compared: another family per variant."""
+SETTLED = (151, 200)
+"""Episodes that the last ones are compared with, to see whether a figure falls late (claim C4)."""
+NOT_COMPARED = "not compared"
+"""Verdict on the rewards of two different functions."""
+WINDOWS = (10, 25, 50, 100)
+TOLERANCES = (0.01, 0.02, 0.05, 0.1)
+"""For which Reset-and-Finetune's trigger is replayed on runs that had none."""
+
+Values = dict[str, list[float]]
+"""By figure, one value per seed, NaN for a run that failed."""
+
+
+@dataclass(frozen=True)
+class Ablation:
+    """What is trained and flown."""
+
+    base: RunConfig
+    variants: Sequence[Variant]
+    seeds: Sequence[int]
+    topologies: int
+    """Held-out ones that every policy flies."""
+    evaluation_seed: int
+    margin: float
+    """Share of the base's mean that does not matter, for tests of equivalence."""
+
+    def configurations(self) -> dict[str, RunConfig]:
+        """By name, of the base and all variants, with the base's seed."""
+        own = {variant.name: applied(variant, self.base) for variant in self.variants}
+        return {BASE: self.base, **own}
+
+    def rewarded_otherwise(self) -> list[str]:
+        """Variants whose reward is another function than the base's."""
+        base = flatten(self.base)
+        return [
+            name
+            for name, config in self.configurations().items()
+            if reward_differences([base, flatten(config)])
+        ]
+
+    def jobs(self, runs_dir: Path, command: Sequence[str]) -> list[TrainingJob]:
+        """A run for every seed and variant, seed by seed."""
+        return [
+            TrainingJob(name, with_seed(config, seed), runs_dir, tuple(command))
+            for seed in self.seeds
+            for name, config in self.configurations().items()
+        ]
+
+    def describe(self) -> dict[str, Any]:
+        """The settings, as ``ablation.json`` has them."""
+        return {
+            "base": self.base.model_dump(mode="json"),
+            "variants": {variant.name: dict(variant.values) for variant in self.variants},
+            "seeds": list(self.seeds),
+            "topologies": self.topologies,
+            "evaluation_seed": self.evaluation_seed,
+            "margin": self.margin,
+        }
+
+    def plan(self, policies: Mapping[tuple[str, int], Policy]) -> Plan:
+        """The flights of all policies, their zero-action twins and simple rules.
+
+        Args:
+            policies: by variant and seed; those of failed runs are missing.
+        """
+        objectives: dict[str, None] = {}
+        entries: list[Entry] = []
+        for (name, seed), policy in policies.items():
+            objectives[policy.config.reward.objective] = None
+            own = world_values(policy.config, self.base)
+            is_first = seed == next(other for key, other in policies if key == name)
+            entries += [
+                entry.with_overrides(own)
+                for is_zero in (False, True)
+                for entry in rows_of(policy, key_of(name, seed), name, True, is_zero)
+                # Without noise the twins of all seeds do the same.
+                if not is_zero or not entry.deterministic or is_first
+            ]
+        shown = [f"{rule}-{objective}" for rule in ("static", "loiter") for objective in objectives]
+        catalogue = rules()
+        entries += [catalogue[key] for key in [*shown, "balanced-loiter"]]
+        network = self.base.network
+        setting = Setting(
+            network.distribution,
+            network.uav_count,
+            network.user_count,
+            network.user_speed_mps,
+            network.heading_hold_s,
+        )
+        world = self.base.network_parameters
+        return Plan(entries, [setting], self.topologies, self.evaluation_seed, world)
+
+
+def with_seed(config: RunConfig, seed: int) -> RunConfig:
+    """The configuration with another seed."""
+    training = config.training.model_copy(update={"seed": seed})
+    return config.model_copy(update={"training": training})
+
+
+def key_of(name: str, seed: int) -> str:
+    """What a run's policy is called among the flights."""
+    return f"{name}-s{seed}"
+
+
+def world_values(config: RunConfig, base: RunConfig) -> dict[str, Any]:
+    """What a variant's world has otherwise than the base's: it is flown in its own.
+
+    Weights of the reward are none of it: all policies are judged by the base's.
+    """
+    own, others = flatten(config), flatten(base)
+    return {
+        key: value
+        for key, value in own.items()
+        if key.partition(".")[0] not in (*LEARNING_SECTIONS, "reward")
+        and key not in METHOD_KEYS
+        and value != others[key]
+    }
+
+
+def differing_worlds(ablation: Ablation) -> dict[str, list[str]]:
+    """By variant, the keys of the world that it changes."""
+    worlds = {
+        name: list(world_values(config, ablation.base))
+        for name, config in ablation.configurations().items()
+    }
+    return {name: keys for name, keys in worlds.items() if keys}
+
+
+def read_policies(jobs: Iterable[TrainingJob]) -> dict[tuple[str, int], Policy]:
+    """Policies of the runs that are complete, by name and seed."""
+    found = [(job, job.completed()) for job in jobs]
+    return {(job.name, job.config.training.seed): read_run(path) for job, path in found if path}
+
+
+def flown_values(
+    results: Iterable[Mapping[str, Any]], name: str, seeds: Sequence[int], deterministic: bool
+) -> Values:
+    """Mean over the topologies, per figure and seed."""
+    found = {
+        result["method"]: result for result in results if result["deterministic"] == deterministic
+    }
+    nothing = {"mean": None}
+    return {
+        figure: [
+            _number(found.get(key_of(name, seed), {}).get(figure, nothing)["mean"])
+            for seed in seeds
+        ]
+        for figure in FLOWN
+    }
+
+
+def trained_values(logs: Sequence[Sequence[Row]]) -> Values:
+    """Means of the last training episodes, per figure and run; of no rows, NaN."""
+    finals = [final_figures(rows) for rows in logs]
+    return {figure: [_number(final.get(figure)) for final in finals] for figure in TRAINED}
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else value
+
+
+def compare(
+    values: Mapping[str, Values],
+    figures: Sequence[str],
+    margin: float,
+    rewarded_otherwise: Collection[str] = (),
+) -> dict[str, dict[str, dict[str, Any]]]:
+    """Every variant against the base, figure by figure; the figures of a variant are one family.
+
+    Args:
+        values: of the base and all variants.
+        figures: those that are compared.
+        margin: of equivalence, as a share of the base's mean.
+        rewarded_otherwise: variants whose reward is another function than the base's, and so no
+            figure to compare: its verdict is "not compared", and it belongs to no family.
+    """
+    better = {figure: METRICS[figure].better or "higher" for figure in figures}
+    margins = {}
+    for figure in figures:
+        reached = [value for value in values[BASE][figure] if math.isfinite(value)]
+        if reached and fmean(reached):
+            margins[figure] = margin * abs(fmean(reached))
+    comparisons = {}
+    for name, own in values.items():
+        if name == BASE:
+            continue
+        apart = [REWARD] if name in rewarded_otherwise and REWARD in better else []
+        judged = {figure: way for figure, way in better.items() if figure not in apart}
+        own_margins = {figure: one for figure, one in margins.items() if figure in judged}
+        found = compare_families(values[BASE], {name: own}, judged, own_margins)[name]
+        comparisons[name] = {
+            figure: found[figure]
+            if figure in found
+            else _uncompared(values[BASE][figure], own[figure])
+            for figure in better
+        }
+    return comparisons
+
+
+def _uncompared(base: Sequence[float], variant: Sequence[float]) -> dict[str, Any]:
+    """As of a figure that is compared, with nothing but the counts of runs."""
+    counts = ("n", "seeds", "failed_base", "failed_variant")
+    nothing = dict.fromkeys(("mean", "median", "iqm", "ci95", "ci95_of"))
+    return {
+        name: value if name in counts else nothing if name == "difference" else None
+        for name, value in compare_pairs(base, variant, None).items()
+    } | {"p_holm": None, "smallest_p_holm": None, "verdict": NOT_COMPARED}
+
+
+def describe_values(values: Mapping[str, Values]) -> dict[str, dict[str, dict[str, Any]]]:
+    """Interquartile mean, mean, median and spread over seeds, by variant and figure."""
+    return {
+        name: {figure: describe_seeds(per_seed) for figure, per_seed in own.items()}
+        for name, own in values.items()
+    }
+
+
+def late_changes(logs: Mapping[str, Sequence[Sequence[Row]]]) -> dict[str, Any] | None:
+    """By variant and figure, the last episodes' mean minus that of ``SETTLED``, over seeds.
+
+    None where runs are too short for that.
+    """
+    runs = [rows for own in logs.values() for rows in own if rows]
+    if not runs or min(map(len, runs)) < SETTLED[1] + FINAL_EPISODES:
+        return None
+    return {
+        name: {
+            figure: describe_seeds([_late_change(rows, figure) for rows in own])
+            for figure in TRAINED
+        }
+        for name, own in logs.items()
+    }
+
+
+def _late_change(rows: Sequence[Row], figure: str) -> float:
+    """NaN for a run that failed."""
+    if not rows:
+        return math.nan
+    first, last = SETTLED
+    values = [row[figure] for row in rows]
+    return fmean(values[-FINAL_EPISODES:]) - fmean(values[first - 1 : last])
+
+
+def replayed_trigger(logs: Sequence[Sequence[Row]]) -> list[dict[str, Any]]:
+    """When Reset-and-Finetune's trigger would have fired on runs, for a grid of its parameters.
+
+    On a policy that does not learn every firing is a false alarm. One tolerance holds for both
+    figures.
+    """
+    table = []
+    for window in WINDOWS:
+        for tolerance in TOLERANCES:
+            episodes = [_first_firing(rows, window, tolerance) for rows in logs if rows]
+            fired = [episode for episode in episodes if episode is not None]
+            table.append(
+                {
+                    "window": window,
+                    "tolerance": tolerance,
+                    "runs": len(episodes),
+                    "fired": len(fired),
+                    "median_episode": median(fired) if fired else None,
+                }
+            )
+    return table
+
+
+def _first_firing(rows: Sequence[Row], window: int, tolerance: float) -> int | None:
+    jfi = [row["rate_jfi"] for row in rows]
+    reward = [row["reward"] for row in rows]
+    for episode in range(2 * window, len(rows) + 1):
+        windows = slice(episode - 2 * window, episode)
+        if has_plateaued(jfi[windows], reward[windows], window, tolerance, tolerance):
+            return episode
+    return None

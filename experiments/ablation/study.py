@@ -1,0 +1,293 @@
+"""The directory of an ablation: its runs, their flights, what they say."""
+
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Literal
+
+from orchid_uav.experiments.ablation.design import (
+    FLOWN,
+    TRAINED,
+    Ablation,
+    compare,
+    describe_values,
+    flown_values,
+    key_of,
+    late_changes,
+    read_policies,
+    replayed_trigger,
+    trained_values,
+)
+from orchid_uav.experiments.ablation.variants import FROZEN
+from orchid_uav.experiments.configuration import flatten
+from orchid_uav.experiments.errors import InputError, RunFailedError
+from orchid_uav.experiments.evaluation.directory import EPISODES_FILE as FLIGHTS_FILE
+from orchid_uav.experiments.evaluation.directory import (
+    SUMMARY_FILE,
+    describe_plan,
+    header_of,
+    read_interrupted,
+    run_evaluation,
+    told_if_not_drawn,
+)
+from orchid_uav.experiments.evaluation.flights import Plan, Progress
+from orchid_uav.experiments.figures.contact_sheet import write_ablation_sheet
+from orchid_uav.experiments.figures.learning_curves import draw_learning_curves
+from orchid_uav.experiments.figures.style import setting_of
+from orchid_uav.experiments.jobs.local_processes import Executor, Job, JobProgress
+from orchid_uav.experiments.runs.directory import Row, read_episodes
+from orchid_uav.experiments.runs.records import EPISODES_FILE, check_log, read_record
+from orchid_uav.experiments.statistics.curves import curve_table
+from orchid_uav.experiments.statistics.intervals import INTERVAL
+from orchid_uav.experiments.training.job import TrainingJob
+from orchid_uav.storage.files import read_document, write_json
+
+DEFAULT_PARENT = Path("orchid-ablate")
+DOCUMENT_FILE, CURVES_FILE = "ablation.json", "learning_curves.png"
+RUNS_FOLDER, JOBS_FOLDER, EVALUATION_FOLDER = "runs", "jobs", "evaluation"
+CURVE_WINDOW, CURVE_STEP = 20, 10
+"""Episodes of the trailing mean of a learning curve, and from one of its points to the next."""
+_LARGEST_DOCUMENT = 64 * 2**20
+_FIXED = ("base", "topologies", "evaluation_seed", "margin")
+"""Settings that stay as they are when a study is gone on with."""
+
+Outcome = Literal["completed", "failed", "interrupted"]
+
+
+class AblationStudy:
+    """An ablation in its directory, where what is finished is not done again.
+
+    Args:
+        ablation: what is compared.
+        directory: of the study.
+        command: how it was called, for the records.
+
+    Raises:
+        InputError: the directory holds something else, or cannot be written.
+    """
+
+    def __init__(self, ablation: Ablation, directory: Path, command: Sequence[str]) -> None:
+        self.ablation = ablation
+        self.directory = directory
+        self.command = list(command)
+        self.training_jobs = ablation.jobs(directory / RUNS_FOLDER, command)
+        self._check_directory()
+
+    def _check_directory(self) -> None:
+        """Other seeds and variants may be added to a study, but not another base."""
+        directory = self.directory
+        try:
+            if not directory.exists() or (directory.is_dir() and not any(directory.iterdir())):
+                return
+            document = read_document(directory / DOCUMENT_FILE, _LARGEST_DOCUMENT)
+            known = {key: document["settings"][key] for key in _FIXED}
+        except (OSError, ValueError, LookupError, TypeError) as error:
+            raise InputError(
+                f"--out {directory} holds no ablation, and is left alone: {error}"
+            ) from error
+        wanted = json.loads(json.dumps(self.ablation.describe()))
+        differing = [key for key in _FIXED if known[key] != wanted[key]]
+        if differing:
+            raise InputError(
+                f"--out {directory} holds an ablation with another {', '.join(differing)}; "
+                "seeds and variants can be added to it, nothing else changed"
+            )
+
+    def waiting(self) -> list[TrainingJob]:
+        """The runs that are not complete."""
+        return [job for job in self.training_jobs if not job.completed()]
+
+    def reserve(self) -> None:
+        """Make the directory and say in it what is to come.
+
+        Raises:
+            InputError: it cannot be written.
+        """
+        try:
+            self.directory.mkdir(parents=True, exist_ok=True)
+            # First of all: a directory that holds anything without it is somebody else's.
+            write_json(self.directory / DOCUMENT_FILE, self._header("running"))
+            for folder in (JOBS_FOLDER, RUNS_FOLDER):
+                (self.directory / folder).mkdir(exist_ok=True)
+        except OSError as error:
+            raise InputError(
+                f"cannot write to --out {self.directory}: {error.strerror or error}"
+            ) from error
+
+    def train(
+        self, executor: Executor, progress: JobProgress, costs: Mapping[str, float]
+    ) -> Outcome:
+        """Train what is not complete; whether all of it is then.
+
+        Args:
+            executor: where the runs are trained.
+            progress: shows them.
+            costs: how long a run takes, by variant.
+
+        Raises:
+            RunFailedError: the disk is full.
+        """
+        folder = self.directory / JOBS_FOLDER
+        with self._writing():
+            jobs: list[Job] = [job.as_job(folder, costs[job.name]) for job in self.waiting()]
+        ends = executor.run(jobs, progress) if jobs else []
+        if executor.was_stopped or any(end.status == "interrupted" for end in ends):
+            return "interrupted"
+        return "failed" if any(end.status == "failed" for end in ends) else "completed"
+
+    def note_interruption(self) -> None:
+        """Say in ``ablation.json`` that it is not what it is to be."""
+        self._write(self._header("interrupted"))
+
+    def evaluate(self, progress: Progress) -> dict[str, Any] | None:
+        """Fly all policies, compare them, and write ``ablation.json``; None if interrupted.
+
+        Runs that failed count as failures; a variant may have no other.
+
+        Raises:
+            RunFailedError: no run at all was completed, or the disk is full.
+        """
+        policies = read_policies(self.training_jobs)
+        if not policies:
+            self._write(self._header("failed"))
+            raise RunFailedError(f"no run was completed; see {self.directory / JOBS_FOLDER}")
+        summary = self._fly(self.ablation.plan(policies), progress)
+        if summary["status"] == "interrupted":
+            return None
+        logs = {
+            name: [_rows(job) for job in self.training_jobs if job.name == name]
+            for name in self.ablation.configurations()
+        }
+        curves = {name: [rows for rows in own if rows] for name, own in logs.items()}
+        document = self._document(summary["results"], logs, curves)
+        self._write(document)
+        with told_if_not_drawn(self.directory):
+            path, setting = self.directory / CURVES_FILE, self._setting()
+            draw_learning_curves(curves, path, window=CURVE_WINDOW, title=setting)
+            write_ablation_sheet(self.directory, document, path, setting)
+        return document
+
+    def _write(self, document: Mapping[str, Any]) -> None:
+        with self._writing():
+            write_json(self.directory / DOCUMENT_FILE, document)
+
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            raise RunFailedError(
+                f"cannot write to {self.directory}: {error.strerror or error}"
+            ) from error
+
+    def _fly(self, plan: Plan, progress: Progress) -> dict[str, Any]:
+        """The summary of an evaluation that is complete already, or is gone on with, or begun."""
+        settings = json.loads(json.dumps(describe_plan(plan, 0)))
+        folder = self.directory / EVALUATION_FOLDER
+        try:
+            summary = read_document(folder / SUMMARY_FILE, _LARGEST_DOCUMENT)
+            if summary["status"] == "completed" and summary["settings"] == settings:
+                return summary
+        except (OSError, ValueError, LookupError):
+            pass
+        try:
+            flown = read_interrupted(folder, plan, settings)
+        except InputError:  # of other runs, before some were added
+            flown = {}
+            for name in (SUMMARY_FILE, FLIGHTS_FILE):
+                (folder / name).unlink(missing_ok=True)
+        folder.mkdir(exist_ok=True)
+        return run_evaluation(
+            plan, settings, folder, self.command, flown, progress, with_figures=False
+        )
+
+    def _document(
+        self,
+        results: Sequence[Mapping[str, Any]],
+        logs: Mapping[str, Sequence[Sequence[Row]]],
+        curves: Mapping[str, Sequence[Sequence[Row]]],
+    ) -> dict[str, Any]:
+        ablation = self.ablation
+        names = list(ablation.configurations())
+        flown = {
+            kind: {
+                name: flown_values(results, name, ablation.seeds, kind == "evaluation")
+                for name in names
+            }
+            for kind in ("evaluation", "sampled")
+        }
+        trained = {name: trained_values(own) for name, own in logs.items()}
+        families = {
+            **{kind: (values, FLOWN) for kind, values in flown.items()},
+            "training": (trained, TRAINED),
+        }
+        own_keys = {key_of(name, seed) for name in names for seed in ablation.seeds}
+        return self._header("failed" if self.waiting() else "completed") | {
+            "runs": [self._describe_run(job, families) for job in self.training_jobs],
+            "values": {kind: describe_values(values) for kind, (values, _) in families.items()},
+            "comparisons": {
+                kind: compare(values, figures, ablation.margin, ablation.rewarded_otherwise())
+                for kind, (values, figures) in families.items()
+            },
+            "others": [result for result in results if result["method"] not in own_keys],
+            "late_changes": late_changes(logs),
+            "replayed_trigger": {
+                name: replayed_trigger(logs[name])
+                for name, config in ablation.configurations().items()
+                if name == FROZEN or not config.reset.enabled
+            },
+            "learning_curves": curve_table(curves, TRAINED, CURVE_WINDOW, CURVE_STEP),
+        }
+
+    def _setting(self) -> str:
+        """What base and variants have of it in common."""
+        return setting_of(map(flatten, self.ablation.configurations().values()))
+
+    def _describe_run(
+        self, job: TrainingJob, families: Mapping[str, tuple[Mapping[str, Any], Any]]
+    ) -> dict[str, Any]:
+        """A run's figures, one number each: what the comparisons are made from."""
+        path, seed = job.find(), job.config.training.seed
+        record = read_record(path) if path else {}
+        index = list(self.ablation.seeds).index(seed)
+        return {
+            "variant": job.name,
+            "seed": seed,
+            "run": record.get("id"),
+            "status": job.status(),
+            "episodes": record.get("episodes", 0),
+            "seconds": record.get("seconds"),
+            "reset_episodes": record.get("reset_episodes", []),
+            "error": record.get("error"),
+            **{
+                kind: {
+                    figure: _json_number(per_seed[index])
+                    for figure, per_seed in values[job.name].items()
+                }
+                for kind, (values, _) in families.items()
+            },
+        }
+
+    def _header(self, status: str) -> dict[str, Any]:
+        settings = self.ablation.describe() | {
+            "ci95": f"{INTERVAL}, over training seeds",
+            "family": "the figures of one variant in one kind of flight, or in training",
+        }
+        updated = datetime.now(UTC).isoformat(timespec="seconds")
+        return header_of(settings, self.command, status) | {"updated": updated}
+
+
+def _rows(job: TrainingJob) -> list[Row]:
+    """Episodes of a run that is complete; none of another."""
+    path = job.completed()
+    if path is None:
+        return []
+    check_log(path, read_record(path))
+    return read_episodes(path / EPISODES_FILE)
+
+
+def _json_number(value: float) -> float | None:
+    return value if math.isfinite(value) else None

@@ -1,0 +1,1 @@
+"""Methods flown over the same topologies that no training has seen."""

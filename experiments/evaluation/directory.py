@@ -1,0 +1,315 @@
+"""The directory that an evaluation leaves: ``episodes.parquet``, ``summary.json``, figures."""
+
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from orchid_uav.envs.seeds import evaluation_seeds
+from orchid_uav.experiments.errors import InputError, RunFailedError
+from orchid_uav.experiments.evaluation.flights import (
+    CEILING,
+    FLOOR,
+    Flown,
+    Plan,
+    Progress,
+    describe,
+    evaluate,
+    summarise_flights,
+)
+from orchid_uav.experiments.interruption import Raising, interruption_requests
+from orchid_uav.experiments.metrics import EPISODE_FIGURES
+from orchid_uav.experiments.provenance import describe_host, describe_versions
+from orchid_uav.experiments.statistics.intervals import INTERVAL
+from orchid_uav.notices import warn_once
+from orchid_uav.storage.files import read_document, write_atomically, write_json
+
+SCHEMA = 1
+_LARGEST_SUMMARY = 64 * 2**20
+DEFAULT_PARENT = Path("orchid-eval")
+_STOPPING = b"stopping; what was flown is kept\n"
+EPISODES_FILE, SUMMARY_FILE, FIGURES_FOLDER = "episodes.parquet", "summary.json", "figures"
+
+
+def make_default_directory(parent: Path = DEFAULT_PARENT) -> Path:
+    """A new ``<parent>/<UTC time>``, with a number behind it if that is taken."""
+    name = f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}"
+    for suffix in ("", *(f"-{number}" for number in range(2, 100))):
+        directory = parent / (name + suffix)
+        try:
+            directory.mkdir(parents=True)
+        except FileExistsError:
+            continue
+        except OSError as error:
+            raise InputError(f"cannot make {directory}: {error.strerror or error}") from error
+        return directory
+    raise InputError(f"cannot find a free name for {parent / name}")
+
+
+def describe_plan(plan: Plan, planner_evaluations: int) -> dict[str, Any]:
+    """What defines an evaluation: two of equal descriptions give equal figures."""
+    settings = plan.settings
+    return {
+        "methods": [
+            {
+                "method": entry.key,
+                "run": entry.policy.run if entry.policy else None,
+                "sha256": entry.policy.actor.description.get("sha256") if entry.policy else None,
+                "deterministic": entry.deterministic,
+                "overrides": dict(entry.overrides),
+            }
+            for entry in plan.entries
+        ],
+        "distributions": list(dict.fromkeys(setting.distribution for setting in settings)),
+        "uavs": list(dict.fromkeys(setting.uavs for setting in settings)),
+        "users": list(dict.fromkeys(setting.users for setting in settings)),
+        "speeds_mps": list(dict.fromkeys(setting.speed_mps for setting in settings)),
+        "heading_hold_s": list(dict.fromkeys(setting.heading_hold_s for setting in settings)),
+        "episodes": plan.episodes,
+        "seed": plan.seed,
+        "planner_evaluations": planner_evaluations,
+        "world": plan.world.model_dump(mode="json"),
+        "training_progress": 1.0,
+        "ci95": f"{INTERVAL}, over topologies",
+        "headroom": f"(U - U_{FLOOR}) / (U_{CEILING} - U_{FLOOR}), U the mean utility",
+    }
+
+
+def read_interrupted(
+    directory: Path,
+    plan: Plan,
+    settings: Mapping[str, Any],
+    note: Callable[[str], None] = lambda text: None,
+) -> Flown:
+    """The flights of an interrupted evaluation of the same settings; none if there is nothing yet.
+
+    Args:
+        directory: of the evaluation.
+        plan: what is to be flown.
+        settings: of :func:`describe_plan`.
+        note: told, in a sentence, why flights that are there have to be flown again.
+
+    Raises:
+        InputError: the directory holds anything else, which is not to be overwritten.
+    """
+    try:
+        if not directory.exists() or (directory.is_dir() and not any(directory.iterdir())):
+            return {}
+        summary = read_document(directory / SUMMARY_FILE, _LARGEST_SUMMARY)
+        status, known = summary["status"], summary["settings"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(
+            f"--out {directory} holds no results of orchid eval, and is left alone: {error}"
+        ) from error
+    if status != "interrupted":
+        raise InputError(f"--out {directory} holds a complete evaluation: choose another directory")
+    if known != dict(settings):
+        differing = [key for key in settings if known.get(key) != settings[key]]
+        raise InputError(
+            f"--out {directory} holds an interrupted evaluation of other settings: "
+            f"{', '.join(differing)}"
+        )
+    if not (directory / EPISODES_FILE).is_file():
+        return {}
+    try:
+        table = pq.read_table(directory / EPISODES_FILE)
+    except (OSError, pa.ArrowException) as error:
+        raise InputError(f"cannot read {directory / EPISODES_FILE}: {error}") from error
+    names = list(describe(next(plan.flights())))
+    missing = [name for name in (*names, *EPISODE_FIGURES) if name not in table.column_names]
+    if missing:
+        note(
+            f"what --out {directory} holds is of another version, which did not measure "
+            f"{', '.join(missing)}: it is flown again"
+        )
+        return {}
+    groups: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
+    for row in table.to_pylist():
+        groups.setdefault(tuple(row[name] for name in names), []).append(row)
+    flown: Flown = {}
+    for flight in plan.flights():
+        found = groups.get(tuple(describe(flight).values()), [])
+        if len(found) == plan.episodes:
+            flown[flight.key] = {
+                name: np.array([row[name] for row in found], float) for name in EPISODE_FIGURES
+            }
+    return flown
+
+
+def reserve_directory(directory: Path) -> None:
+    """Make the directory, so that nothing is flown whose figures could not be kept.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryDirectory(dir=directory).cleanup()
+    except OSError as error:
+        raise InputError(f"cannot write to --out {directory}: {error.strerror or error}") from error
+
+
+def episodes_table(plan: Plan, flown: Flown) -> pa.Table:
+    """A row per method, setting and episode."""
+    seeds = evaluation_seeds(plan.seed, plan.episodes)
+    columns: dict[str, list[Any]] = {}
+    for flight in plan.flights():
+        if flight.key not in flown:
+            continue
+        described = describe(flight) | {"episode": list(range(plan.episodes)), "seed": seeds}
+        figures = {name: flown[flight.key][name].tolist() for name in EPISODE_FIGURES}
+        for name, values in (described | figures).items():
+            repeated = values if isinstance(values, list) else [values] * plan.episodes
+            columns.setdefault(name, []).extend(repeated)
+    return pa.table(columns)
+
+
+def summary_document(
+    plan: Plan, flown: Flown, settings: Mapping[str, Any], command: list[str], is_complete: bool
+) -> dict[str, Any]:
+    """The content of ``summary.json``, which is also what ``orchid eval --json`` prints."""
+    header = header_of(settings, command, "completed" if is_complete else "interrupted")
+    return header | {"results": summarise_flights(plan, flown, with_intervals=is_complete)}
+
+
+def header_of(settings: Mapping[str, Any], command: list[str], status: str) -> dict[str, Any]:
+    """What every document of results begins with."""
+    host = describe_host()
+    del host["name"]
+    return {
+        "schema": SCHEMA,
+        "status": status,
+        "date": f"{datetime.now(UTC):%Y-%m-%d}",
+        "command": command,
+        "versions": describe_versions(),
+        "host": host,
+        "settings": dict(settings),
+    }
+
+
+def run_evaluation(
+    plan: Plan,
+    settings: Mapping[str, Any],
+    directory: Path,
+    command: list[str],
+    flown: Flown,
+    progress: Progress,
+    with_figures: bool = True,
+) -> dict[str, Any]:
+    """Fly a plan and fill the directory; the summary's status says whether all of it was flown.
+
+    Interrupted, it draws nothing and computes no intervals, which would take longer than a moment.
+
+    Args:
+        plan: what to fly.
+        settings: of :func:`describe_plan`.
+        directory: reserved for it.
+        command: how it was called.
+        flown: flights of before.
+        progress: shows it.
+        with_figures: draw them.
+
+    Raises:
+        RunFailedError: the directory cannot be written.
+    """
+    document = summary_document(plan, {}, settings, command, is_complete=False)
+    with interruption_requests(Raising.AT_ONCE, _STOPPING) as interruption:
+
+        def save(done: Flown) -> None:
+            with interruption.held_back():
+                save_flights(directory, plan, done, settings, command)
+
+        try:
+            flown, is_complete = evaluate(
+                plan, progress, flown, save, lambda: interruption.requested
+            )
+            if flown:
+                document = summary_document(plan, flown, settings, command, is_complete)
+                write_evaluation(directory, document, with_figures and is_complete)
+        except KeyboardInterrupt:
+            document["status"] = "interrupted"
+        finally:
+            _remove_if_empty(directory)
+    return document
+
+
+def _remove_if_empty(directory: Path) -> None:
+    """And the folder of the default directories with it."""
+    for one in (directory, *([directory.parent] if directory.parent == DEFAULT_PARENT else [])):
+        if one.is_dir() and not any(one.iterdir()):
+            one.rmdir()
+
+
+def save_flights(
+    directory: Path, plan: Plan, flown: Flown, settings: Mapping[str, Any], command: list[str]
+) -> None:
+    """Keep flights so that the same evaluation can go on from them.
+
+    Raises:
+        RunFailedError: they cannot be written.
+    """
+    document = header_of(settings, command, "interrupted") | {"results": []}
+    with _told(directory):
+        # In this order: a summary without episodes is one of nothing flown yet.
+        if not (directory / SUMMARY_FILE).exists():
+            write_json(directory / SUMMARY_FILE, document)
+        _write_table(episodes_table(plan, flown), directory / EPISODES_FILE)
+
+
+def write_evaluation(
+    directory: Path, document: Mapping[str, Any], with_figures: bool = True
+) -> None:
+    """Add the summary to saved flights, and figures; without these, if they cannot be drawn.
+
+    Raises:
+        RunFailedError: the summary cannot be written.
+    """
+    with _told(directory):
+        shutil.rmtree(directory / FIGURES_FOLDER, ignore_errors=True)
+        if with_figures and document["results"]:
+            # All results, though not all that was asked for: the same command would go on.
+            write_json(directory / SUMMARY_FILE, {**document, "status": "interrupted"})
+            with told_if_not_drawn(directory):
+                _draw(directory, document)
+        write_json(directory / SUMMARY_FILE, document)
+
+
+@contextmanager
+def told_if_not_drawn(directory: Path) -> Iterator[None]:
+    """Let no figure that cannot be drawn cost what it was to show: there is a warning instead."""
+    try:
+        yield
+    except Exception as error:
+        reason = " ".join(f"{type(error).__name__}: {error}".split())
+        warn_once("figures", f"no figures in {directory}, since drawing failed: {reason}")
+
+
+def _draw(directory: Path, document: Mapping[str, Any]) -> None:
+    from orchid_uav.experiments.figures.contact_sheet import write_evaluation_sheet
+    from orchid_uav.experiments.figures.evaluation_figures import draw_figures
+
+    with tempfile.TemporaryDirectory(prefix=".drawing-", dir=directory) as beside:
+        figures = draw_figures(document["results"], Path(beside) / FIGURES_FOLDER)
+        write_evaluation_sheet(Path(beside) / FIGURES_FOLDER, document, figures)
+        (Path(beside) / FIGURES_FOLDER).rename(directory / FIGURES_FOLDER)
+
+
+def _write_table(table: pa.Table, path: Path) -> None:
+    content = pa.BufferOutputStream()
+    pq.write_table(table, content)
+    write_atomically(path, content.getvalue().to_pybytes())
+
+
+@contextmanager
+def _told(directory: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise RunFailedError(f"cannot write to {directory}: {error.strerror or error}") from error

@@ -1,0 +1,319 @@
+"""Every method over the same held-out topologies."""
+
+import itertools
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from orchid_uav.agents.controllers.planner import Planner
+from orchid_uav.envs.diagnostics import Diagnostics
+from orchid_uav.envs.parameters import Parameters
+from orchid_uav.envs.seeds import evaluation_seeds
+from orchid_uav.envs.world import Topologies, WorldBatch
+from orchid_uav.experiments.configuration import LEARNING_SECTIONS, SETTING_KEYS, RunConfig, flatten
+from orchid_uav.experiments.errors import InputError, RunFailedError
+from orchid_uav.experiments.evaluation.methods import METHOD_KEYS, Entry, Policy
+from orchid_uav.experiments.metrics import EPISODE_FIGURES, HEADROOM
+from orchid_uav.experiments.statistics.intervals import interval, summarise
+
+Floats = NDArray[np.float64]
+Figures = dict[str, Floats]
+"""Every figure of ``EPISODE_FIGURES`` for all episodes of a flight, (episodes,)."""
+
+FLOOR, CEILING = "loiter-mmf", "planner"
+"""Methods between whose utilities the headroom lies."""
+_WORLDS_AT_ONCE = 1000
+
+
+class Setting(NamedTuple):
+    """The world of some flights."""
+
+    distribution: Literal["tcp", "uniform"] = "tcp"
+    uavs: int = 6
+    users: int = 100
+    speed_mps: float = 0.0
+    heading_hold_s: float = 1.0
+
+    def apply(self, world: Parameters) -> Parameters:
+        """The parameters of this setting.
+
+        Raises:
+            InputError: a combination that cannot be.
+        """
+        try:
+            return world.with_overrides(dict(zip(SETTING_KEYS, self, strict=True)))
+        except ValueError as error:
+            raise InputError(f"a setting that cannot be flown: {error}") from error
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is to be flown."""
+
+    entries: Sequence[Entry]
+    settings: Sequence[Setting]
+    episodes: int
+    seed: int
+    world: Parameters
+
+    def flights(self) -> Iterator["Flight"]:
+        """All flights, setting by setting."""
+        for setting, entry in itertools.product(self.settings, self.entries):
+            yield Flight(setting, entry)
+
+    def check(self) -> None:
+        """Raise InputError for a setting that cannot be flown, before any is."""
+        for setting in self.settings:
+            parameters = setting.apply(self.world)
+            for entry in self.entries:
+                parameters.with_overrides(dict(entry.overrides))
+
+
+class Flight(NamedTuple):
+    """A method in a setting."""
+
+    setting: Setting
+    entry: Entry
+
+    @property
+    def key(self) -> tuple[Any, ...]:
+        """What tells this flight from all others of an evaluation."""
+        return (*self.setting, self.entry.key, self.entry.deterministic)
+
+
+class Progress(Protocol):
+    """Shows how far an evaluation is."""
+
+    def begin(self, total_cost: float) -> None:
+        """The flights are about to begin."""
+
+    def start(self, flight: Flight) -> None:
+        """This flight is next."""
+
+    def advance(self, cost: float) -> None:
+        """So much of the total cost is behind."""
+
+    def end(self) -> None:
+        """No flight goes on."""
+
+
+class SilentProgress:
+    """Shows nothing."""
+
+    def begin(self, total_cost: float) -> None:
+        """Nothing."""
+
+    def start(self, flight: Flight) -> None:
+        """Nothing."""
+
+    def advance(self, cost: float) -> None:
+        """Nothing."""
+
+    def end(self) -> None:
+        """Nothing."""
+
+
+Flown = dict[tuple[Any, ...], Figures]
+"""Figures by :attr:`Flight.key`."""
+
+
+def evaluate(
+    plan: Plan,
+    progress: Progress | None = None,
+    flown: Flown | None = None,
+    save: Callable[[Flown], None] = lambda flown: None,
+    stop: Callable[[], bool] = lambda: False,
+) -> tuple[Flown, bool]:
+    """Fly all flights of a plan; all topologies of a setting as one batch.
+
+    Args:
+        plan: what to fly.
+        progress: shows it; nothing by default.
+        flown: flights of an interrupted evaluation of the same plan, which are not flown again.
+        save: called with all flights so far after every setting, and however the flying ends.
+        stop: asked between flights, since a KeyboardInterrupt may be lost in a library.
+
+    Returns:
+        The figures by flight, and whether all flights were flown: KeyboardInterrupt ends the
+        evaluation and loses the flight that was going on.
+    """
+    progress = progress or SilentProgress()
+    done: Flown = dict(flown or {})
+    waiting = [flight for flight in plan.flights() if flight.key not in done]
+    progress.begin(sum(_cost(flight) for flight in waiting))
+    try:
+        # One thread: small matrices, and figures that do not depend on the number of cores.
+        with threadpool_limits(1):
+            for setting, flights in itertools.groupby(waiting, lambda flight: flight.setting):
+                topologies = _Topologies(plan, setting)
+                try:
+                    for flight in flights:
+                        if stop():
+                            return done, False
+                        done[flight.key] = _fly(plan, flight, topologies, progress)
+                finally:
+                    if done:
+                        save(done)
+    except KeyboardInterrupt:
+        return done, False
+    except MemoryError as error:
+        raise RunFailedError(f"not enough memory: {error}") from error
+    finally:
+        progress.end()
+    return done, True
+
+
+def world_differences(policy: Policy, world: RunConfig) -> list[str]:
+    """Keys of the world in which a run was trained elsewhere than it is flown."""
+    trained, flown = flatten(policy.config), flatten(world)
+    return [
+        key
+        for key in trained
+        if key.partition(".")[0] not in LEARNING_SECTIONS
+        and key not in METHOD_KEYS
+        and key not in SETTING_KEYS
+        and trained[key] != flown[key]
+    ]
+
+
+def _cost(flight: Flight) -> float:
+    return flight.entry.cost * flight.setting.uavs
+
+
+class _Topologies:
+    """Held-out topologies of a setting, drawn once for all methods of one start and world."""
+
+    def __init__(self, plan: Plan, setting: Setting) -> None:
+        self.seeds = evaluation_seeds(plan.seed, plan.episodes)
+        self._parameters = setting.apply(plan.world)
+        self._drawn: dict[Any, Topologies] = {}
+
+    def of(self, entry: Entry) -> tuple[Parameters, Topologies]:
+        """The parameters that a method flies with, and its topologies."""
+        parameters = self._parameters.with_overrides(dict(entry.overrides))
+        # Nothing that is drawn depends on reward and shares.
+        kind = parameters.model_dump_json(exclude={"reward"})
+        if kind not in self._drawn:
+            try:
+                self._drawn[kind] = Topologies.joined(
+                    [
+                        WorldBatch(parameters, len(seeds), seeds).draw_topologies()
+                        for seeds in in_batches(self.seeds)
+                    ]
+                )
+            except ValueError as error:
+                raise InputError(f"a start that cannot be found: {error}") from error
+        return parameters, self._drawn[kind]
+
+
+def _fly(plan: Plan, flight: Flight, topologies: _Topologies, progress: Progress) -> Figures:
+    parameters, all_topologies = topologies.of(flight.entry)
+    parts: list[Figures] = []
+    first = 0
+    progress.start(flight)
+    for seeds in in_batches(topologies.seeds):
+        some = all_topologies.chosen(slice(first, first + len(seeds)))
+        first += len(seeds)
+        cost = _cost(flight) * len(seeds) / plan.episodes
+        parts.append(_fly_batch(flight.entry, parameters, some, seeds, progress, cost))
+    return {name: np.concatenate([part[name] for part in parts]) for name in EPISODE_FIGURES}
+
+
+def in_batches(seeds: Sequence[int]) -> Iterator[Sequence[int]]:
+    """As many worlds as are kept in memory at once."""
+    for first in range(0, len(seeds), _WORLDS_AT_ONCE):
+        yield seeds[first : first + _WORLDS_AT_ONCE]
+
+
+def _fly_batch(
+    entry: Entry,
+    parameters: Parameters,
+    topologies: Topologies,
+    seeds: Sequence[int],
+    progress: Progress,
+    cost: float,
+) -> Figures:
+    world = WorldBatch(parameters, worlds=len(seeds), seed=0)
+    world.set_progress(1.0)
+    world.begin(topologies)
+    method = entry.make(seeds)
+    if isinstance(method, Planner):  # which takes its time before it flies
+        method.after_each = lambda: progress.advance(cost / len(seeds))
+    method.begin(world)
+    diagnostics = Diagnostics(world)
+    diagnostics.begin()
+    for _ in range(parameters.network.episode_slots):
+        world.step(method.act(world))
+        diagnostics.observe()
+    if not isinstance(method, Planner):
+        progress.advance(cost)
+    episodes = [
+        world.episode_metrics(index) | diagnostics.episode_metrics(index)
+        for index in range(len(seeds))
+    ]
+    return {name: np.array([episode[name] for episode in episodes]) for name in EPISODE_FIGURES}
+
+
+def summarise_flights(
+    plan: Plan, flown: Mapping[tuple[Any, ...], Figures], with_intervals: bool = True
+) -> list[dict[str, Any]]:
+    """The "results" of ``summary.json``: one for every flight that was flown.
+
+    Args:
+        plan: what was to be flown.
+        flown: figures by flight.
+        with_intervals: whether to compute confidence intervals, which take most of the time, and
+            the headroom, which is told from nothing by one.
+    """
+    results = []
+    for flight in plan.flights():
+        if flight.key not in flown:
+            continue
+        figures = flown[flight.key]
+        results.append(
+            describe(flight)
+            | {"episodes": plan.episodes, "comparable": flight.entry.is_comparable}
+            | {name: summarise(figures[name], with_intervals) for name in EPISODE_FIGURES}
+            | {HEADROOM: _headroom(flight, figures, flown if with_intervals else {})}
+        )
+    return results
+
+
+def describe(flight: Flight) -> dict[str, Any]:
+    """What was flown, and where, as in the results and in the table of episodes."""
+    setting, entry = flight
+    return {
+        "method": entry.key,
+        "run": entry.policy.run if entry.policy else None,
+        "objective": entry.overrides["reward.objective"],
+        **setting._asdict(),
+        "deterministic": entry.deterministic,
+    }
+
+
+def _headroom(
+    flight: Flight, figures: Figures, flown: Mapping[tuple[Any, ...], Figures]
+) -> dict[str, Any]:
+    floor = flown.get((*flight.setting, FLOOR, True))
+    ceiling = flown.get((*flight.setting, CEILING, True))
+    unknown = {"mean": None, "std": None, "ci95": None}
+    if floor is None or ceiling is None or not flight.entry.is_comparable:
+        return unknown
+
+    def share(own: Floats, low: Floats, high: Floats, axis: int) -> Floats:
+        room = np.mean(high, axis=axis) - np.mean(low, axis=axis)
+        return (np.mean(own, axis=axis) - np.mean(low, axis=axis)) / room
+
+    samples = figures["utility"], floor["utility"], ceiling["utility"]
+    room = summarise(samples[2] - samples[1])
+    if room["mean"] <= 0.0 or (room["ci95"] and room["ci95"][0] <= 0.0):
+        return unknown  # no room to speak of
+    return {
+        "mean": float(share(*samples, axis=-1)),
+        "std": None,
+        "ci95": interval(samples, share),
+    }

@@ -1,0 +1,295 @@
+"""Every method that can be evaluated, by its key, and policies from run directories beside them."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from orchid_uav.agents.controllers.controller import Method
+from orchid_uav.agents.controllers.heuristics import BalancedLoiter, Hover, Loiter, Track
+from orchid_uav.agents.controllers.learned import ExplorationNoise, Learned, ZeroAction
+from orchid_uav.agents.controllers.planner import EVALUATIONS, Planner
+from orchid_uav.agents.deployed_actor import LocalActor, load_policy
+from orchid_uav.envs.arrays import ACTION_SIZE, OBSERVATION_SIZE
+from orchid_uav.experiments.configuration import RunConfig, flatten
+from orchid_uav.experiments.errors import InputError, unknown
+from orchid_uav.experiments.evaluation.method_keys import (
+    ALL,
+    LEARNED,
+    RELEASED,
+    RULE_IDEAS,
+    RULES,
+    ZERO,
+    known_methods,
+)
+from orchid_uav.experiments.runs.records import former_ids, read_config, read_record, status_of
+
+METHOD_KEYS = (
+    "reward.objective",
+    "reward.shares",
+    "deployment.init",
+    "uav.observation",
+)
+"""What belongs to a method rather than to the world that it flies in."""
+_MMF, _PF = (
+    {
+        "reward.objective": objective,
+        "reward.shares": None,
+        "deployment.init": "kmeans",
+        "uav.observation": "paper",
+    }
+    for objective in ("mmf", "pf")
+)
+
+
+@dataclass(frozen=True)
+class Policy:
+    """A learned policy and the run that it comes from."""
+
+    actor: LocalActor
+    run: str
+    """The run's id."""
+    config: RunConfig
+    is_complete: bool = True
+    """False if the run was interrupted."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One row of an evaluation."""
+
+    key: str
+    idea: str
+    overrides: Mapping[str, Any]
+    """Parameters that belong to the method, by ``"section.key"``."""
+    make: Callable[[Sequence[int]], Method]
+    """The method, for worlds of the given seeds."""
+    policy: Policy | None = None
+    deterministic: bool = True
+    is_comparable: bool = True
+    """False if it serves other users than the others do."""
+    cost: float = 1.0
+    """Rough duration of a flight, that of hovering being 1, to tell the time left."""
+
+    def with_overrides(self, values: Mapping[str, Any]) -> "Entry":
+        """With further parameters that belong to the method."""
+        return replace(self, overrides={**self.overrides, **values})
+
+
+_TUNED_MADDPG = (
+    *("--set", "maddpg.actor_learning_rate=1e-5", "--set", "maddpg.critic_learning_rate=3e-3"),
+    *("--set", "maddpg.discount=0.97", "--set", "maddpg.preactivation_penalty=0.1"),
+)
+"""Best trial of studies/results/tuning.json; see docs/methods.md."""
+COMMANDS: dict[str, tuple[str, ...]] = {
+    "orchid": (),
+    "orchid-no-rf": ("--no-rf",),
+    "orchid-pf": ("--objective", "pf", "--episodes", "1000", "--set", "reset.max_resets=3"),
+    "orchid-random-init": ("--init", "random"),
+    "maddpg-pf": ("--algorithm", "maddpg", "--objective", "pf", *_TUNED_MADDPG),
+    "maddpg-mmf": ("--algorithm", "maddpg", *_TUNED_MADDPG),
+}
+"""Arguments of ``orchid train`` that each of them was trained with."""
+
+
+def rules(planner_evaluations: int = EVALUATIONS) -> dict[str, Entry]:
+    """The methods that need no training, by their keys."""
+    planning = 3.0 * planner_evaluations / 30.0
+    entries = [
+        Entry("static-pf", RULE_IDEAS["static-pf"], _PF, lambda _: Hover()),
+        Entry("static-mmf", RULE_IDEAS["static-mmf"], _MMF, lambda _: Hover()),
+        Entry(
+            "static-pf-full-power",
+            RULE_IDEAS["static-pf-full-power"],
+            _PF,
+            lambda _: Hover(full_power=True),
+        ),
+        Entry(
+            "static-mmf-full-power",
+            RULE_IDEAS["static-mmf-full-power"],
+            _MMF,
+            lambda _: Hover(full_power=True),
+        ),
+        Entry("loiter-pf", RULE_IDEAS["loiter-pf"], _PF, lambda _: Loiter()),
+        Entry("loiter-mmf", RULE_IDEAS["loiter-mmf"], _MMF, lambda _: Loiter()),
+        Entry(
+            "balanced-loiter",
+            RULE_IDEAS["balanced-loiter"],
+            _MMF,
+            lambda _: BalancedLoiter(),
+            cost=6.0,
+        ),
+        Entry(
+            "track",
+            RULE_IDEAS["track"],
+            _MMF,
+            lambda _: Track(),
+            cost=3.0,
+        ),
+        Entry(
+            "planner",
+            RULE_IDEAS["planner"],
+            _MMF,
+            lambda _: Planner(planner_evaluations),
+            cost=planning,
+        ),
+        Entry(
+            "balanced-loiter-retargeted",
+            RULE_IDEAS["balanced-loiter-retargeted"],
+            _MMF,
+            lambda _: BalancedLoiter(keeps_targets=False),
+            is_comparable=False,
+            cost=6.0,
+        ),
+        Entry(
+            "planner-retargeted",
+            RULE_IDEAS["planner-retargeted"],
+            _MMF,
+            lambda _: Planner(planner_evaluations, keeps_targets=False),
+            is_comparable=False,
+            cost=planning,
+        ),
+    ]
+    return {entry.key: entry for entry in entries}
+
+
+def groups() -> dict[str, list[str]]:
+    """What the groups stand for: "all" leaves out the rules that serve other users."""
+    catalogue = rules()
+    comparable = [key for key, entry in catalogue.items() if entry.is_comparable]
+    learned = [key for key in known_methods() if key not in catalogue]
+    return {ALL: [*learned, *comparable], RULES: comparable, LEARNED: learned}
+
+
+def ideas() -> dict[str, str]:
+    """What every method is, by its key."""
+    catalogue = rules()
+    return {
+        key: catalogue[key].idea
+        if key in catalogue
+        else _idea_of(key.removesuffix(ZERO), RELEASED[key.removesuffix(ZERO)], key.endswith(ZERO))
+        for key in known_methods()
+    }
+
+
+def _idea_of(name: str, idea: str, is_zero: bool) -> str:
+    return f"{name} with its actions forced to zero" if is_zero else idea
+
+
+def select(
+    methods: Sequence[str],
+    runs: Iterable[Path] = (),
+    stochastic: bool = False,
+    planner_evaluations: int = EVALUATIONS,
+) -> list[Entry]:
+    """The rows of an evaluation, in the order of the catalogue, then the given runs.
+
+    Args:
+        methods: keys or groups: "all" comparable ones, "learned" ones with their twins, "rules".
+        runs: run directories, each with its zero-action twin.
+        stochastic: add a row with sampled actions to every row of a learned policy.
+        planner_evaluations: the planner's budget per topology.
+
+    Raises:
+        InputError: an unknown key, or a run that cannot be flown.
+    """
+    catalogue, members = rules(planner_evaluations), groups()
+    known = known_methods()
+    wanted: set[str] = set()
+    for key in methods:
+        if key not in {*members, *known}:
+            raise InputError(unknown("method", key, [*members, *known], cutoff=0.4))
+        wanted.update(members.get(key, [key]))
+    entries: list[Entry] = []
+    for key in known:
+        if key not in wanted:
+            continue
+        if key in catalogue:
+            entries.append(catalogue[key])
+        else:
+            name = key.removesuffix(ZERO)
+            policy = read_released(name)
+            entries += rows_of(policy, name, RELEASED[name], stochastic, key.endswith(ZERO))
+    seen: dict[str, Path] = {}
+    for path in runs:
+        policy = read_run(path)
+        if policy.run in seen:
+            raise InputError(
+                f"run {policy.run} is given twice, as {seen[policy.run]} and as {path}"
+            )
+        seen[policy.run] = path
+        if policy.run in known:
+            raise InputError(f"run {policy.run} has the key of a built-in method: rename it")
+        for is_zero in (False, True):
+            entries += rows_of(policy, policy.run, str(path), stochastic, is_zero)
+    if not entries:
+        raise InputError("there is nothing to evaluate: name methods or runs")
+    return entries
+
+
+def rows_of(policy: Policy, name: str, idea: str, stochastic: bool, is_zero: bool) -> list[Entry]:
+    """A learned policy, or its zero-action twin, as rows of an evaluation.
+
+    Args:
+        policy: the policy.
+        name: its key.
+        idea: what it is.
+        stochastic: add a row with sampled actions, or with the noise alone.
+        is_zero: the twin.
+    """
+    overrides = {key: flatten(policy.config)[key] for key in METHOD_KEYS}
+
+    def make(is_sampled: bool) -> Callable[[Sequence[int]], Method]:
+        def method(seeds: Sequence[int]) -> Method:
+            noise = ExplorationNoise(policy.actor.log_std, seeds) if is_sampled else None
+            return ZeroAction(noise) if is_zero else Learned(policy.actor, noise)
+
+        return method
+
+    return [
+        Entry(
+            name + ZERO if is_zero else name,
+            _idea_of(name, idea, is_zero),
+            overrides,
+            make(is_sampled),
+            policy,
+            deterministic=not is_sampled,
+            cost=1.0 if is_zero else 4.0,
+        )
+        for is_sampled in ((False, True) if stochastic else (False,))
+    ]
+
+
+def read_released(key: str) -> Policy:
+    """A policy that comes with the package."""
+    path = Path(str(files("orchid_uav.reference"))) / key
+    return read_run(path)
+
+
+def read_run(path: Path) -> Policy:
+    """The policy of a run directory.
+
+    Raises:
+        InputError: no run, a run that goes on or failed, damaged files, or a policy for other
+            observations or actions than the environment's.
+    """
+    record = read_record(path)
+    status, run = status_of(path, record), record["id"]
+    if status not in ("completed", "interrupted"):
+        state = "is still running" if status == "running" else status
+        raise InputError(f"run {run} {state}: only a run that ended has a policy to fly ({path})")
+    try:
+        config = read_config(path, record)
+        actor = load_policy(path)
+    except (OSError, ValueError, InputError) as error:
+        raise InputError(f"run {run} cannot be flown: {error}") from error
+    if actor.description.get("run") not in (run, *former_ids(record)):
+        raise InputError(f"the policy in {path} is that of run {actor.description.get('run')}")
+    sizes = (actor.observation_size, actor.action_size)
+    if sizes != (OBSERVATION_SIZE, ACTION_SIZE):
+        raise InputError(
+            f"run {run} has a policy of {sizes[0]} observations and {sizes[1]} actions; the "
+            f"environment has {OBSERVATION_SIZE} and {ACTION_SIZE}"
+        )
+    return Policy(actor, run, config, is_complete=status == "completed")

@@ -1,0 +1,1 @@
+"""Drawings of evaluations and of training runs."""

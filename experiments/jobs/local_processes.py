@@ -1,0 +1,387 @@
+"""Jobs side by side, a process each, and how every one of them ended."""
+
+import heapq
+import math
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, NamedTuple, Protocol
+
+from orchid_uav.experiments.errors import InputError
+from orchid_uav.experiments.interruption import Interruption, Raising, interruption_requests
+from orchid_uav.experiments.jobs.child_process import (
+    Child,
+    describe_end,
+    readable_exit_codes,
+    shortened,
+    usable_cores,
+)
+
+INTERRUPTED_CODE = 130
+"""Exit code of a job that was asked to stop and has saved what it had."""
+
+_TRIES = 2
+_SECONDS_BETWEEN_LOOKS = 0.1
+_SECONDS_BETWEEN_UPDATES = 0.5
+_SECONDS_TO_SAVE = 30.0
+_FIRST_ESTIMATE = 0.1
+
+Status = Literal["completed", "failed", "interrupted", "not started"]
+
+
+@dataclass(frozen=True)
+class Job:
+    """A process to be run, which goes on where it stopped when it is run again.
+
+    Raises:
+        ValueError: an empty command, or a cost that is not positive.
+    """
+
+    name: str
+    command: tuple[str, ...]
+    log: Path
+    """What the process prints is appended there."""
+    share: Callable[[], float]
+    """How much of the job is done, 0 to 1. Asked twice a second; errors in it are passed over."""
+    cost: float = 1.0
+    """How long the whole job takes, relative to others."""
+
+    def __post_init__(self) -> None:
+        if not self.command:
+            raise ValueError(f"job '{self.name}' has an empty command")
+        if not 0.0 < self.cost < math.inf:
+            raise ValueError(f"job '{self.name}' costs {self.cost}: a positive number is possible")
+
+
+@dataclass(frozen=True)
+class JobEnd:
+    """How a job ended."""
+
+    job: Job
+    status: Status
+    code: int | None
+    """Of its last process: the exit code, or minus the signal that killed it. None: no process."""
+    tries: int
+    seconds: float
+    """Of all tries together."""
+    error: str | None
+    """Why it did not complete, in at most 300 characters without control codes."""
+
+
+class Overview(NamedTuple):
+    """How far all jobs are."""
+
+    share: float
+    """Of the whole cost; a job that has ended counts in full, whatever became of it."""
+    seconds_left: float | None
+    """None where nothing can be said yet."""
+    running: Sequence[tuple[Job, float]]
+    """With the share of each that is done, in the order in which they began."""
+    completed: int
+    failed: int
+
+
+class JobProgress(Protocol):
+    """Shows how far jobs are. An exception of it stops all jobs, and is passed on."""
+
+    def begin(self, jobs: Sequence[Job], processes: int) -> None:
+        """The jobs are about to begin, so many at once."""
+
+    def update(self, overview: Overview) -> None:
+        """How far they are, twice a second."""
+
+    def restarted(self, job: Job, error: str) -> None:
+        """A job was killed, and is run once more."""
+
+    def stopping(self, running: int) -> None:
+        """A stop was asked for; so many jobs are saving what they have."""
+
+    def ended(self, end: JobEnd) -> None:
+        """A job has ended, or will not begin any more."""
+
+    def end(self) -> None:
+        """No job is running. Called after an exception as well."""
+
+
+class Executor(Protocol):
+    """Where jobs are run."""
+
+    @property
+    def was_stopped(self) -> bool:
+        """Whether a stop was asked for while the last jobs were running, even by the very end."""
+
+    def run(self, jobs: Sequence[Job], progress: JobProgress) -> list[JobEnd]:
+        """Run jobs whose names are all different; how they ended, in their order."""
+
+
+class Workload:
+    """How much of all jobs is done, and how long the rest will take.
+
+    What was done before this began counts for the share, and never for the pace.
+
+    Args:
+        jobs: all of them, in the order in which they begin.
+        processes: how many run at once.
+    """
+
+    def __init__(self, jobs: Sequence[Job], processes: int) -> None:
+        self._jobs = jobs
+        self._processes = processes
+        self._shares = [_asked(job, otherwise=0.0) for job in jobs]
+        self._first_shares = tuple(self._shares)
+        self._ended: set[int] = set()
+        self._total = sum(job.cost for job in jobs)
+
+    def look(self, indices: Iterable[int]) -> None:
+        """Ask these jobs how far they are."""
+        for index in indices:
+            self._shares[index] = _asked(self._jobs[index], otherwise=self._shares[index])
+
+    def end(self, index: int, is_complete: bool) -> None:
+        """Nothing is left to do of this job."""
+        self._ended.add(index)
+        if is_complete:
+            self._shares[index] = 1.0
+
+    def share_of(self, index: int) -> float:
+        """How much of a job is done, 0 to 1."""
+        return self._shares[index]
+
+    @property
+    def share(self) -> float:
+        """How much of all jobs is over, by cost, 0 to 1."""
+        left = sum(self._left(index) for index in range(len(self._jobs)))
+        return 1.0 - left / self._total if self._jobs else 1.0
+
+    def seconds_left(self, running: Sequence[int], seconds: Sequence[float]) -> float | None:
+        """How long it takes until all jobs have ended; None where nothing can be said yet.
+
+        Args:
+            running: indices of the jobs that are running.
+            seconds: for how long each job has been running, (jobs,).
+        """
+        left = [self._left(index) for index in range(len(self._jobs))]
+        if not any(left):
+            return 0.0
+        work = busy_s = 0.0
+        for job, now, first, job_s in zip(
+            self._jobs, self._shares, self._first_shares, seconds, strict=True
+        ):
+            if first < 1.0:  # a job that was complete takes its time to say so
+                work += job.cost * max(now - first, 0.0)
+                busy_s += job_s
+        if work <= 0.0 or work < _FIRST_ESTIMATE * self._total / len(self._jobs):
+            return None
+        # Each waiting job goes to the process that is free first: at the end some have none.
+        free = sorted([left[index] for index in running])
+        free = [0.0] * max(self._processes - len(free), 0) + free
+        for index, cost in enumerate(left):
+            if index not in running:
+                heapq.heapreplace(free, free[0] + cost)
+        return max(free) * busy_s / work
+
+    def _left(self, index: int) -> float:
+        done = 1.0 if index in self._ended else self._shares[index]
+        return self._jobs[index].cost * (1.0 - done)
+
+
+class LocalProcesses:
+    """Runs jobs on this machine, a process each.
+
+    A job that is killed by a signal is run once more. Signals are requests, as for a training run:
+    the first asks all jobs to stop (SIGTERM) and waits for them, an urgent one kills them; outside
+    the main thread they are left alone. None raises anything here: an exception that came between
+    the birth of a process and the note of it, or in the middle of killing all, would leave one
+    running. No process is left running, whatever happens. Where this process is killed itself, the
+    end of their standard input tells the jobs.
+
+    Args:
+        processes: how many at once; never more than the cores that this process may use.
+
+    Raises:
+        InputError: fewer than one.
+    """
+
+    def __init__(self, processes: int) -> None:
+        if processes < 1:
+            raise InputError(f"{processes} jobs at once: 1 or more are possible")
+        cores = usable_cores()
+        self.processes = min(processes, cores)
+        """How many at once, at most."""
+        self.note: str | None = None
+        """Why this is less than was asked for, if it is."""
+        if self.processes < processes:
+            self.note = (
+                f"{self.processes} at once instead of {processes}: "
+                f"this process may use {cores} core{'s' if cores > 1 else ''}"
+            )
+        self._stop = Interruption()
+
+    @property
+    def was_stopped(self) -> bool:
+        """Whether a stop was asked for while the last jobs were running, even by the very end."""
+        return self._stop.requested
+
+    def run(self, jobs: Sequence[Job], progress: JobProgress) -> list[JobEnd]:
+        """Run jobs, begun in their order; how they ended.
+
+        Raises:
+            ValueError: two jobs of one name.
+        """
+        if len({job.name for job in jobs}) < len(jobs):
+            raise ValueError("two jobs have the same name")
+        with interruption_requests(Raising.NEVER, b"") as self._stop, readable_exit_codes():
+            return _LocalRun(jobs, self.processes, progress, self._stop).run()
+
+
+@dataclass
+class _LocalRun:
+    """Jobs that are being run."""
+
+    jobs: Sequence[Job]
+    processes: int
+    progress: JobProgress
+    stop: Interruption
+
+    def __post_init__(self) -> None:
+        count = len(self.jobs)
+        self._waiting = deque(range(count))
+        self._children: dict[int, Child] = {}
+        self._ends: dict[int, JobEnd] = {}
+        self._tries = [0] * count
+        self._seconds = [0.0] * count
+        self._last_codes: list[int | None] = [None] * count
+        self._workload = Workload(self.jobs, self.processes)
+        self._next_update_s = 0.0
+        self._is_stopping = False
+
+    def run(self) -> list[JobEnd]:
+        """Run all."""
+        self.progress.begin(self.jobs, min(self.processes, len(self.jobs)))
+        try:
+            while self._waiting or self._children:
+                self._heed_stop_requests()
+                while self._may_start():
+                    self._start(self._waiting.popleft())
+                self._show()
+                time.sleep(_SECONDS_BETWEEN_LOOKS)
+                self._collect()
+        finally:
+            try:
+                self._leave_none_running()
+            finally:
+                self.progress.end()
+        return [self._ends[index] for index in range(len(self.jobs))]
+
+    def _heed_stop_requests(self) -> None:
+        if not self.stop.requested:
+            return
+        for child in self._children.values():
+            child.stop()
+        if self.stop.is_urgent:
+            for child in self._children.values():
+                child.kill()
+        waiting, self._waiting = self._waiting, deque()
+        if not self._is_stopping:
+            self._is_stopping = True
+            self.progress.stopping(len(self._children))
+        for index in waiting:
+            self._end(index, "interrupted" if self._tries[index] else "not started", None)
+
+    def _may_start(self) -> bool:
+        is_one_free = len(self._children) < self.processes
+        return bool(self._waiting) and is_one_free and not self.stop.requested
+
+    def _start(self, index: int) -> None:
+        job = self.jobs[index]
+        self._tries[index] += 1
+        try:
+            self._children[index] = Child.start(job.command, job.log)
+        except (OSError, ValueError) as error:
+            self._end(index, "failed", shortened(f"cannot be started: {error}"))
+
+    def _collect(self) -> None:
+        for index, child in list(self._children.items()):
+            code = child.process.poll()
+            if code is not None:
+                del self._children[index]
+                child.close()
+                self._seconds[index] += time.monotonic() - child.began_s
+                self._last_codes[index] = code
+                self._settle(index, code, describe_end(code, child.log, child.log_start))
+
+    def _settle(self, index: int, code: int, error: str) -> None:
+        was_killed = code < 0
+        if code == 0:
+            self._end(index, "completed", None)
+        elif self.stop.requested and (was_killed or code == INTERRUPTED_CODE):
+            self._end(index, "interrupted", error if was_killed else None)
+        elif was_killed and self._tries[index] < _TRIES:
+            self._waiting.appendleft(index)
+            self.progress.restarted(self.jobs[index], error)
+        else:
+            self._end(index, "failed", error)
+
+    def _end(self, index: int, status: Status, error: str | None) -> None:
+        self._workload.look([index])
+        if status in {"completed", "failed"}:
+            self._workload.end(index, status == "completed")
+        end = JobEnd(
+            self.jobs[index],
+            status,
+            self._last_codes[index],
+            self._tries[index],
+            self._seconds[index],
+            error,
+        )
+        self._ends[index] = end
+        self.progress.ended(end)
+
+    def _show(self) -> None:
+        now_s = time.monotonic()
+        if now_s < self._next_update_s:
+            return
+        self._next_update_s = now_s + _SECONDS_BETWEEN_UPDATES
+        running = list(self._children)
+        self._workload.look(running)
+        seconds = list(self._seconds)
+        for index, child in self._children.items():
+            seconds[index] += now_s - child.began_s
+        statuses = [end.status for end in self._ends.values()]
+        left_s = self._workload.seconds_left(running, seconds)
+        self.progress.update(
+            Overview(
+                share=self._workload.share,
+                seconds_left=None if self._is_stopping else left_s,
+                running=[(self.jobs[index], self._workload.share_of(index)) for index in running],
+                completed=statuses.count("completed"),
+                failed=statuses.count("failed"),
+            )
+        )
+
+    def _leave_none_running(self) -> None:
+        """Where an exception cuts jobs off, let them save what they have, and kill the others."""
+        children = self._children.values()
+        try:
+            for child in children:
+                child.stop()
+            end_s = time.monotonic() + _SECONDS_TO_SAVE
+            while any(child.process.poll() is None for child in children):
+                if self.stop.is_urgent or time.monotonic() > end_s:
+                    break
+                time.sleep(_SECONDS_BETWEEN_LOOKS)
+        finally:
+            for child in children:
+                child.kill()
+            for child in children:
+                child.close()
+
+
+def _asked(job: Job, otherwise: float) -> float:
+    try:
+        share = float(job.share())
+    except Exception:  # it may read a file that is just being written
+        return otherwise
+    return otherwise if math.isnan(share) else min(max(share, 0.0), 1.0)

@@ -1,0 +1,391 @@
+"""A run's directory: its id, its record, its log of episodes."""
+
+import csv
+import hashlib
+import io
+import math
+import os
+import re
+import secrets
+import shutil
+import string
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
+from datetime import UTC, datetime
+from pathlib import Path
+from statistics import fmean
+from typing import Any
+
+from orchid_uav.agents.deployed_actor import DESCRIPTION_FILE, WEIGHTS_FILE
+from orchid_uav.envs.metrics import EPISODE_METRICS
+from orchid_uav.experiments.configuration import RunConfig
+from orchid_uav.experiments.errors import InputError
+from orchid_uav.experiments.provenance import describe_host, describe_process, describe_versions
+from orchid_uav.experiments.runs.lock import RunLock
+from orchid_uav.experiments.runs.records import (
+    CONFIG_FILE,
+    EPISODES_FILE,
+    LARGEST_LOG,
+    RECORD_FILE,
+    Status,
+    former_ids,
+    read_config,
+    read_record,
+)
+from orchid_uav.storage.files import (
+    checksum_of_file,
+    json_bytes,
+    read_bytes,
+    sealed,
+    sync_file,
+    write_atomically,
+    write_json,
+)
+
+Row = dict[str, float]
+
+SCHEMA = 1
+EPISODE_COLUMNS = (
+    "episode",
+    *EPISODE_METRICS,
+    "actor_lr",
+    "critic_lr",
+    "entropy_coef",
+    "reset",
+)
+"""Columns of ``episodes.csv``."""
+_WHOLE_NUMBERS = frozenset(
+    {"episode", "collisions", "boundary_violations", "backhaul_violations", "reset"}
+)
+FINAL_EPISODES = 50
+"""Last episodes whose means are a run's final figures."""
+_RESERVE_FILE, _RESERVE_SIZE = ".reserve", 2**16
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
+_NOT_IN_IDS = re.compile(r"[^A-Za-z0-9._-]")
+_LONGEST_ID = 150
+_TRIES = 100
+
+
+class RunDirectory:
+    """A directory ``runs/<id>/`` that this process writes.
+
+    Args:
+        path: the directory, which exists.
+        record: the content of ``run.json``.
+    """
+
+    def __init__(self, path: Path, record: dict[str, Any]) -> None:
+        self.path = path
+        self.record = record
+        self.is_resumed = False
+        self.renamed_from: str | None = None
+        """The id until now, where it is gone on with in a directory of another name."""
+        self._episodes_size = 0
+        self._lock = RunLock(path)
+
+    @classmethod
+    def create(
+        cls, runs_dir: Path, name: str, config: RunConfig, command: Sequence[str]
+    ) -> "RunDirectory":
+        """Make a new directory and write what is known before the run begins.
+
+        The id is UTC time, name, seed and four random letters. ``mkdir`` itself tells whether it
+        is taken, so that two runs started at once never share one.
+
+        Raises:
+            InputError: a name that cannot be one, or a directory that cannot be written.
+        """
+        if not _NAME.fullmatch(name):
+            raise InputError(
+                f"--name {name!r} is not a run's name: up to 64 letters, digits, '.', '_', '-'"
+            )
+        started = datetime.now(UTC)
+        try:
+            runs_dir.mkdir(parents=True, exist_ok=True)
+            path = _new_directory(runs_dir, f"{started:%Y%m%dT%H%M%SZ}-{name}-s", config)
+        except OSError as error:
+            raise InputError(
+                f"cannot make a run directory in {runs_dir}: {error.strerror or error}"
+            ) from error
+        try:
+            run = cls(
+                path,
+                {
+                    "schema": SCHEMA,
+                    "id": path.name,
+                    "name": name,
+                    "command": list(command),
+                    "versions": describe_versions(),
+                    "host": describe_host(),
+                    "started": started.isoformat(timespec="seconds"),
+                    "seconds": 0.0,
+                    "episodes": 0,
+                    "reset_episodes": [],
+                    "final": {},
+                    "resumed": [],
+                },
+            )
+            run.record["config_sha256"] = run._write_config(config)
+            run.append_episodes([])
+            run._reserve()
+            run._begin()
+        except BaseException as error:
+            shutil.rmtree(path, ignore_errors=True)
+            if isinstance(error, OSError):
+                raise InputError(f"cannot write to {path}: {error.strerror or error}") from error
+            raise
+        return run
+
+    @classmethod
+    def reopen(cls, path: Path, config: RunConfig, command: Sequence[str]) -> "RunDirectory":
+        """Go on with a run that was interrupted, failed or died, or that is to be extended.
+
+        In a directory that is called otherwise than by its id it is a copy, or was renamed. Either
+        way it gets that name as its id, so that no two runs that go on have the same one.
+
+        Args:
+            path: its directory.
+            config: its configuration, with more episodes perhaps.
+            command: how it is resumed.
+
+        Raises:
+            InputError: another process writes it, it is damaged, or it cannot be written.
+        """
+        run = cls(path, {})
+        try:
+            run.record = read_record(path)
+            run._reserve()  # before anything changes
+            run._be_called_by_its_directory()
+            known, episodes = read_config(path, run.record), config.training.episodes
+            if config != known:
+                is_longer = episodes > known.training.episodes
+                if not is_longer or config != known.extended_to(episodes):
+                    raise InputError(f"run {path.name} was changed by another process meanwhile")
+                run._replace_config(config)
+            run._remove_leftovers()
+            run.is_resumed = True
+            run.record["resumed"] = [
+                *run.record["resumed"],
+                {
+                    "time": f"{datetime.now(UTC).isoformat(timespec='seconds')}",
+                    "command": list(command),
+                    "versions": describe_versions(),
+                    "host": describe_host()["name"],
+                },
+            ]
+            run._begin()
+        except BaseException as error:
+            with suppress(OSError):
+                run._give_reserve_back()
+            run.release()
+            if isinstance(error, OSError):
+                raise InputError(f"cannot write to {path}: {error.strerror or error}") from error
+            raise
+        return run
+
+    def _be_called_by_its_directory(self) -> None:
+        """No directory beside this one has the same name, whatever was copied."""
+        found = _NOT_IN_IDS.sub("-", self.path.resolve().name).lstrip("-._")[:_LONGEST_ID]
+        if found not in ("", self.id):
+            self.renamed_from = self.id
+            self.record["former_ids"] = [*former_ids(self.record), self.id]
+            self.record["id"] = found
+
+    def _remove_leftovers(self) -> None:
+        """What a process left that died as it replaced a file."""
+        for name in (RECORD_FILE, CONFIG_FILE, EPISODES_FILE, WEIGHTS_FILE, DESCRIPTION_FILE):
+            for path in self.path.glob(f".{name}.*"):
+                path.unlink()
+
+    def _begin(self) -> None:
+        self.record |= {
+            "status": "running",
+            **describe_process(),
+            "finished": None,
+            "error": None,
+            "episodes_sha256": None,  # until the log is complete
+        }
+        self._save()
+
+    def _reserve(self) -> None:
+        """Room for the last word of a run that fails because the disk is full.
+
+        Random, since some file systems compress, and in a new file, since what is there may be a
+        link to another one.
+        """
+        self._give_reserve_back()
+        (self.path / _RESERVE_FILE).write_bytes(os.urandom(_RESERVE_SIZE))
+
+    def _give_reserve_back(self) -> None:
+        (self.path / _RESERVE_FILE).unlink(missing_ok=True)
+
+    def _write_config(self, config: RunConfig) -> str:
+        content = json_bytes(config.model_dump(mode="json"))
+        write_atomically(self.path / CONFIG_FILE, content)
+        return hashlib.sha256(content).hexdigest()
+
+    def _replace_config(self, config: RunConfig) -> None:
+        """In an order that leaves no moment at which record and configuration do not fit."""
+        content = json_bytes(config.model_dump(mode="json"))
+        self.record["next_config_sha256"] = hashlib.sha256(content).hexdigest()
+        self._begin()  # no longer complete, whatever happens from here on
+        self.record["config_sha256"] = self._write_config(config)
+        del self.record["next_config_sha256"]
+
+    @property
+    def id(self) -> str:
+        """The run's id, which is its directory's name."""
+        return str(self.record["id"])
+
+    def append_episodes(self, rows: Iterable[Mapping[str, float]]) -> None:
+        """Add rows to ``episodes.csv``, all or, if the disk is full, none of them."""
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        if self._episodes_size == 0:
+            writer.writerow(EPISODE_COLUMNS)
+        for row in rows:
+            writer.writerow(_formatted(row))
+        content = text.getvalue().encode()
+        # Unbuffered: what a failed write leaves in a buffer would be written at closing after all.
+        with (self.path / EPISODES_FILE).open("ab", buffering=0) as file:
+            try:
+                written = 0
+                while written < len(content):
+                    written += file.write(content[written:])
+            except OSError:
+                os.truncate(file.fileno(), self._episodes_size)
+                raise
+        self._episodes_size += len(content)
+
+    def keep_episodes(self, size: int, checksum: str) -> list[Row]:
+        """Forget the episodes behind the first ``size`` bytes of the log; the rows that stay.
+
+        Args:
+            size: of the part that stays, 0 for none.
+            checksum: its SHA-256.
+
+        Raises:
+            ValueError: the log is damaged.
+        """
+        path = self.path / EPISODES_FILE
+        if type(size) is not int or size < 0:
+            raise ValueError(f"{size!r} is no size of a log")
+        content = read_bytes(path, max(LARGEST_LOG, 2 * size))[:size] if path.is_file() else b""
+        if size and (len(content) != size or hashlib.sha256(content).hexdigest() != checksum):
+            raise ValueError(f"{path} is not what was written")
+        rows = _parsed(content.decode()) if size else []
+        write_atomically(path, content)
+        self._episodes_size = size
+        if not size:
+            self.append_episodes([])
+        return rows
+
+    def sync_episodes(self) -> tuple[int, str]:
+        """Have the log on the disk; its size and SHA-256."""
+        with (self.path / EPISODES_FILE).open("rb+") as file:  # Windows syncs what can be written
+            sync_file(file, self.path)
+            content = file.read(self._episodes_size)
+        return self._episodes_size, hashlib.sha256(content).hexdigest()
+
+    def write_policy(self, files: Mapping[str, bytes]) -> None:
+        """Write the policy's files, weights first."""
+        for name, content in files.items():
+            write_atomically(self.path / name, content)
+
+    def finish(
+        self,
+        status: Status,
+        rows: Sequence[Row],
+        reset_episodes: Sequence[int],
+        seconds: float,
+        error: str | None = None,
+    ) -> None:
+        """Record how the run ended, and its final figures."""
+        self.record |= {
+            "seconds": round(seconds, 3),
+            "episodes": len(rows),
+            "reset_episodes": list(reset_episodes),
+            "final": final_figures(rows),
+            "episodes_sha256": self._log_checksum(),
+        }
+        self.give_up(status, error)
+
+    def _log_checksum(self) -> str | None:
+        try:
+            return checksum_of_file(self.path / EPISODES_FILE, LARGEST_LOG)
+        except (OSError, ValueError):  # the very reason why the run failed, perhaps
+            return None
+
+    def give_up(self, status: Status, error: str | None) -> None:
+        """Record an end alone; what a resumed run that could not go on had achieved stays."""
+        self.record |= {
+            "status": status,
+            "finished": datetime.now(UTC).isoformat(timespec="seconds"),
+            "error": error,
+        }
+        self._give_reserve_back()
+        self._save()
+        self.release()
+
+    def release(self) -> None:
+        """Let others write, if they may not already."""
+        self._lock.release()
+
+    def _save(self) -> None:
+        write_json(self.path / RECORD_FILE, sealed(self.record))
+
+
+def final_figures(rows: Sequence[Row]) -> dict[str, float | None]:
+    """Means of the last ``FINAL_EPISODES`` episodes, by column; empty if there was no episode.
+
+    None where a mean is not a finite number, which JSON cannot hold.
+    """
+    last = rows[-FINAL_EPISODES:]
+    if not last:
+        return {}
+    values = {
+        column: [row[column] for row in last] for column in EPISODE_COLUMNS if column != "episode"
+    }
+    return {
+        column: fmean(found) if all(map(math.isfinite, found)) else None
+        for column, found in values.items()
+    }
+
+
+def read_episodes(path: Path) -> list[Row]:
+    """The rows of an ``episodes.csv``.
+
+    Raises:
+        OSError: it cannot be read.
+        ValueError: it is no such log.
+    """
+    return _parsed(read_bytes(path, LARGEST_LOG).decode())
+
+
+def _parsed(text: str) -> list[Row]:
+    header, *lines = text.split("\n")
+    if header != ",".join(EPISODE_COLUMNS) or not lines or lines.pop():
+        raise ValueError("the log of episodes has other columns, or ends in the middle of a row")
+    rows = [dict(zip(EPISODE_COLUMNS, map(float, line.split(",")), strict=True)) for line in lines]
+    if [row["episode"] for row in rows] != list(range(1, len(rows) + 1)):
+        raise ValueError("the log of episodes leaves out some of them")
+    return rows
+
+
+def _formatted(row: Mapping[str, float]) -> list[str]:
+    return [
+        str(int(row[column])) if column in _WHOLE_NUMBERS else repr(float(row[column]))
+        for column in EPISODE_COLUMNS
+    ]
+
+
+def _new_directory(runs_dir: Path, prefix: str, config: RunConfig) -> Path:
+    for _ in range(_TRIES):
+        letters = "".join(secrets.choice(string.ascii_lowercase) for _ in range(4))
+        path = runs_dir / f"{prefix}{config.training.seed}-{letters}"
+        try:
+            path.mkdir()
+        except FileExistsError:
+            continue
+        return path
+    raise OSError(f"no free name beginning with {prefix}")

@@ -1,0 +1,159 @@
+"""Runs filtered and sorted by anything that is known of them."""
+
+import json
+import operator
+import re
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NamedTuple
+
+from orchid_uav.experiments.configuration import assignment_layer, configuration_keys
+from orchid_uav.experiments.errors import InputError, nearest
+from orchid_uav.experiments.runs.index import FIGURES, RECORD_KEYS, Run, is_number, value_text
+
+_CONDITION = re.compile(r"\s*([\w.-]+?)\s*(<=|>=|!=|==|=|<|>|~)\s*(.*?)\s*", re.DOTALL)
+
+
+class Condition(NamedTuple):
+    """One of ``--where``."""
+
+    text: str
+    key: str
+    operator: str
+    value: str
+    """As it was given."""
+
+    def fits(self, run: Run) -> bool:
+        """Whether a run fulfils it.
+
+        Text is compared with text, in alphabetical order, and numbers with numbers. What is
+        missing is unequal to everything but ``none``, and neither more nor less.
+
+        Raises:
+            InputError: a number is to be compared with what is none.
+        """
+        found = run.values.get(self.key)
+        if self.operator == "~":
+            return self.value.casefold() in value_text(found).casefold()
+        wanted = _value(self.value)
+        if isinstance(found, str):
+            wanted = wanted if isinstance(wanted, str) else self.value
+        if self.operator in ("=", "!="):
+            # Python takes true for 1.
+            is_same = found == wanted and isinstance(found, bool) == isinstance(wanted, bool)
+            return is_same is (self.operator == "=")
+        if found is None or isinstance(found, bool | list):
+            return False
+        if is_number(found) and not is_number(wanted):
+            raise InputError(f"--where {self.text}: '{self.value}' is not a number")
+        return bool(_ORDER[self.operator](found, wanted))
+
+
+_ORDER: dict[str, Callable[[Any, Any], Any]] = {
+    "<": operator.lt,
+    "<=": operator.le,
+    ">": operator.gt,
+    ">=": operator.ge,
+}
+
+
+def _value(text: str) -> Any:
+    """As ``--set`` reads it."""
+    return assignment_layer([f"value={text}"]).values["value"]
+
+
+class Keys:
+    """What can be asked of some runs: keys of configurations and records, and final figures.
+
+    Args:
+        runs: whose own keys, of another version perhaps, are known as well.
+    """
+
+    def __init__(self, runs: Iterable[Run]) -> None:
+        known = dict.fromkeys([*RECORD_KEYS, *FIGURES, *configuration_keys()])
+        for run in runs:
+            known |= run.values
+        self.known = list(known)
+        self._fields: dict[str, list[str]] = {}
+        for key in self.known:
+            section, _, field = key.rpartition(".")
+            if section not in ("", "host", "versions"):
+                self._fields.setdefault(field, []).append(key)
+
+    def find(self, name: str) -> str:
+        """The key of that name, or the one of a configuration that ends so.
+
+        Raises:
+            InputError: there is none, or several end so.
+        """
+        if name in self.known:
+            return name
+        ending = self._fields.get(name, [])
+        if len(ending) == 1:
+            return ending[0]
+        if ending:
+            raise InputError(f"'{name}' may be any of {', '.join(ending)}: give one of these")
+        field = name.rpartition(".")[2]  # right, perhaps, in a section that is wrong
+        similar = nearest(name, [*self.known, *self._fields], 0.5)
+        near = self._fields.get(field) or self._fields.get(similar or "") or [similar or ""]
+        if near[0]:
+            raise InputError(f"unknown key '{name}': did you mean '{near[0]}'?")
+        raise InputError(
+            f"unknown key '{name}': known are those of 'orchid config show', the final "
+            f"figures {', '.join(FIGURES)}, and {', '.join(RECORD_KEYS)}"
+        )
+
+    def condition(self, text: str) -> Condition:
+        """A condition KEY OP VALUE.
+
+        Raises:
+            InputError: it is none, or its key is unknown.
+        """
+        match = _CONDITION.fullmatch(text)
+        if match is None:
+            raise InputError(
+                f"--where {text} is not of the form KEY OP VALUE, OP being one of "
+                "= != < <= > >= ~; for example reset.kappa=0.1 (in quotes where it has < or >)"
+            )
+        key, sign, value = match.groups()
+        return Condition(text, self.find(key), "=" if sign == "==" else sign, value)
+
+    def columns(self, text: str) -> list[str]:
+        """Keys divided by commas."""
+        return list(dict.fromkeys(self.find(name.strip()) for name in text.split(",")))
+
+
+def select(
+    runs: Sequence[Run], keys: Keys, conditions: Iterable[Condition] = (), order: str = ""
+) -> list[Run]:
+    """The runs that fulfil all conditions, in an order.
+
+    Args:
+        runs: latest first.
+        keys: of the runs.
+        conditions: all must be fulfilled.
+        order: keys divided by commas, the first the most important; with "-" before it, the
+            greatest comes first. What is missing comes last either way; what is equal stays in
+            order.
+    """
+    chosen = [run for run in runs if all(condition.fits(run) for condition in conditions)]
+    names = [name.strip() for name in order.split(",")] if order else []
+    for name in reversed(names):
+        key = keys.find(name.removeprefix("-"))
+        known = [run for run in chosen if run.values.get(key) is not None]
+        missing = [run for run in chosen if run.values.get(key) is None]
+        known.sort(key=lambda run: _sortable(run.values[key]), reverse=name.startswith("-"))
+        chosen = known + missing
+    return chosen
+
+
+def _sortable(value: Any) -> tuple[int, Any]:
+    """Numbers before text, text before the rest."""
+    if isinstance(value, int | float):
+        return 0, value
+    return (1, value) if isinstance(value, str) else (2, json.dumps(value))
+
+
+def found_values(runs: Iterable[Run], key: str, most: int = 6) -> str:
+    """Which values of a key there are, to mend a condition that nothing fulfils."""
+    found = sorted({value_text(run.values.get(key)) for run in runs})
+    return ", ".join(found[:most]) + (" ..." if len(found) > most else "")

@@ -1,0 +1,319 @@
+"""The runs of a directory: listed and compared. There is no database.
+
+Of each run two small files are read, ``run.json`` and ``config.json``, and of one that has not
+ended the last lines of its log. Nothing is validated that these do not say themselves.
+"""
+
+import json
+import os
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache, cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from orchid_uav.experiments.configuration import RunConfig, flatten
+from orchid_uav.experiments.errors import InputError
+from orchid_uav.experiments.metrics import METRICS
+from orchid_uav.experiments.runs.directory import (
+    EPISODE_COLUMNS,
+    FINAL_EPISODES,
+    Row,
+    final_figures,
+)
+from orchid_uav.experiments.runs.records import (
+    CHECKPOINTS_FOLDER,
+    EPISODES_FILE,
+    LARGEST_LOG,
+    RECORD_FILE,
+    SeenStatus,
+    check_log,
+    former_ids,
+    name_of,
+    read_plain_config,
+    read_record,
+    resume_command,
+    short_ids,
+    status_of,
+)
+from orchid_uav.storage.files import read_bytes
+
+FIGURES = tuple(column for column in EPISODE_COLUMNS if column != "episode")
+"""Final figures: means of the last episodes."""
+RECORD_KEYS = (
+    *("id", "status", "name", "episodes", "seconds", "resets", "started", "finished"),
+    *("command", "error"),
+)
+"""What a run's record says of it, besides "host.*" and "versions.*"."""
+RESUMABLE = ("died", "interrupted", "failed")
+"""A run in one of these states can go on."""
+
+_LOG_END_BYTES = 2**16  # three times what the last 50 episodes take
+_RESET = b",1\n"
+"""End of a row of an episode with a reset: the log's last column."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run as its files tell of it."""
+
+    path: Path
+    status: SeenStatus
+    record: Mapping[str, Any]
+    """Of ``run.json``; "episodes", "reset_episodes" and "final" as they are by now, if the run has
+    not ended."""
+    config: Mapping[str, Any]
+    """By ``"section.key"``, complete."""
+
+    @property
+    def id(self) -> str:
+        """What it is called on the command line: its directory's name."""
+        return name_of(self.path)
+
+    @property
+    def planned_episodes(self) -> int:
+        """Episodes that it has when it is completed."""
+        return int(self.config["training.episodes"])
+
+    @property
+    def resume(self) -> str | None:
+        """The command that goes on with it, None where there is nothing to go on with."""
+        return shlex.join(resume_command(self.path)) if self.status in RESUMABLE else None
+
+    @cached_property
+    def values(self) -> dict[str, Any]:
+        """All that runs can be filtered and sorted by."""
+        record = self.record
+        return {
+            **self.config,
+            **dict.fromkeys(FIGURES),
+            **record["final"],
+            **{key: record[key] for key in RECORD_KEYS if key in record},
+            **{f"host.{key}": value for key, value in record["host"].items()},
+            **{f"versions.{key}": value for key, value in record["versions"].items()},
+            "id": self.id,
+            "status": self.status,
+            "resets": len(record["reset_episodes"]),
+            "command": shlex.join(map(str, record["command"])),
+        }
+
+    def summary(self) -> dict[str, Any]:
+        """For a JSON document."""
+        record = self.record
+        return {
+            "id": self.id,
+            "path": str(self.path),
+            "status": self.status,
+            "name": record["name"],
+            "episodes": record["episodes"],
+            "planned_episodes": self.planned_episodes,
+            "reset_episodes": record["reset_episodes"],
+            "started": record["started"],
+            "finished": record["finished"],
+            "seconds": record["seconds"],
+            "error": record["error"],
+            "resume": self.resume,
+            "final": record["final"],
+            "config": dict(self.config),
+        }
+
+
+class Index(NamedTuple):
+    """What lies in a directory of runs."""
+
+    runs: list[Run]
+    damaged: dict[str, str]
+    """Names of what looks like a run and cannot be read, and why."""
+
+
+def read_index(runs_dir: Path) -> Index:
+    """All runs directly in a directory, latest first; none where there is no such directory.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    try:
+        with os.scandir(runs_dir) as entries:
+            names = sorted(entry.name for entry in entries if entry.name[0] != ".")
+    except FileNotFoundError:
+        return Index([], {})
+    except OSError as error:
+        raise InputError(f"cannot read {runs_dir}: {error.strerror or error}") from error
+    runs, damaged = [], {}
+    for name in names:
+        path = runs_dir / name
+        try:
+            os.lstat(path / RECORD_FILE)
+        except PermissionError as error:
+            damaged[name] = f"cannot read {path}: {error.strerror}"
+            continue
+        except OSError:
+            continue
+        try:
+            runs.append(read_run(path))
+        except InputError as error:
+            damaged[name] = str(error)
+    return Index(sorted(runs, key=lambda run: (run.record["started"], run.id))[::-1], damaged)
+
+
+def read_run(path: Path) -> Run:
+    """A run from its directory.
+
+    Raises:
+        InputError: it is damaged, or no run.
+    """
+    record = read_record(path)
+    sections = read_plain_config(path, record)
+    if not _has_numbers(record) or not all(isinstance(one, dict) for one in sections.values()):
+        raise InputError(f"{path / RECORD_FILE} is no record of a run")
+    found = {
+        f"{section}.{key}": value
+        for section, fields in sections.items()
+        for key, value in fields.items()
+    }
+    config = _defaults() | found  # a key may be younger than the run
+    if not isinstance(config["training.episodes"], int):
+        raise InputError(f"{path}: its configuration has no number of episodes")
+    status = status_of(path, record)
+    if status in ("running", "died"):
+        record = {**record, **_progress(path / EPISODES_FILE)}
+    return Run(path, status, record, config)
+
+
+@cache
+def _defaults() -> dict[str, Any]:
+    return flatten(RunConfig())
+
+
+def _has_numbers(record: Mapping[str, Any]) -> bool:
+    return all(is_number(value) or value is None for value in record["final"].values()) and all(
+        map(is_number, record["reset_episodes"])
+    )
+
+
+def read_log(run: Run) -> list[Row]:
+    """The rows of a run's log; of one that is being written, those that are whole.
+
+    Raises:
+        InputError: it is damaged.
+    """
+    path = run.path / EPISODES_FILE
+    if path.exists():
+        check_log(run.path, run.record)
+    try:
+        lines = read_bytes(path, LARGEST_LOG).decode().split("\n")[:-1]
+        if lines and lines[0].split(",") != list(EPISODE_COLUMNS):
+            raise ValueError("its columns are others")
+        return _rows(lines[1:])
+    except FileNotFoundError:
+        return []
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {error.strerror or error}") from error
+    except ValueError as error:
+        raise InputError(f"{path} is damaged: {error}") from error
+
+
+def _rows(lines: Sequence[str]) -> list[Row]:
+    cells = (line.split(",") for line in lines)
+    return [dict(zip(EPISODE_COLUMNS, map(float, row), strict=True)) for row in cells]
+
+
+def is_number(value: Any) -> bool:
+    """Whether it is a number, which true and false are not."""
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _progress(log: Path) -> dict[str, Any]:
+    """Episodes, resets and latest figures of a run whose record does not know them yet."""
+    try:
+        with log.open("rb") as file:
+            resets = [int(line.split(b",")[0]) for line in file if line.endswith(_RESET)]
+            size = file.seek(0, os.SEEK_END)
+            file.seek(max(0, size - _LOG_END_BYTES))
+            lines = file.read(_LOG_END_BYTES).decode().split("\n")[1:-1]  # whole ones
+        rows = _rows(lines[-FINAL_EPISODES:])
+    except (OSError, ValueError):  # what the record says has to do
+        return {}
+    if not rows:
+        return {}
+    return {
+        "episodes": int(rows[-1]["episode"]),
+        "reset_episodes": resets,
+        "final": final_figures(rows),
+    }
+
+
+def details(run: Run) -> dict[str, Any]:
+    """All that is known of a run, for a JSON document."""
+    record = run.record
+    return {
+        **run.summary(),
+        "recorded_id": record["id"],
+        "former_ids": former_ids(record),
+        "command": record["command"],
+        "versions": record["versions"],
+        "host": record["host"],
+        "resumed": record.get("resumed", []),
+        "checkpoints": checkpoints_of(run),
+        "changed": {
+            key: {"value": value, "default": default}
+            for key, (value, default) in changed(run).items()
+        },
+    }
+
+
+def checkpoints_of(run: Run) -> list[int]:
+    """Behind which episodes there is a checkpoint."""
+    try:
+        names = [path.name for path in (run.path / CHECKPOINTS_FOLDER).iterdir()]
+    except OSError:
+        return []
+    return sorted(int(name) for name in names if name.isdecimal())
+
+
+def differences(runs: Sequence[Run]) -> dict[str, list[Any]]:
+    """Values of the configuration keys in which runs differ, in the order of the runs."""
+    keys = dict.fromkeys(key for run in runs for key in run.config)
+    values = {key: [run.config.get(key) for run in runs] for key in keys}
+    return {
+        key: found for key, found in values.items() if any(one != found[0] for one in found[1:])
+    }
+
+
+def changed(run: Run) -> dict[str, tuple[Any, Any]]:
+    """Configuration keys in which a run differs from the defaults: its value and the default."""
+    defaults = _defaults()
+    return {
+        key: (value, defaults.get(key))
+        for key, value in run.config.items()
+        if key not in defaults or value != defaults[key]
+    }
+
+
+def short_names(runs: Sequence[Run]) -> list[str]:
+    """The shortest parts of the ids that leave them different, or paths where the ids are equal."""
+    ids = [run.id for run in runs]
+    short = short_ids(ids)
+    return [
+        short[run] if ids.count(run) == 1 else str(one.path)
+        for run, one in zip(ids, runs, strict=True)
+    ]
+
+
+def heading_of(key: str) -> str:
+    """What a key is called in a table."""
+    return METRICS[key].heading if key in METRICS else key
+
+
+def value_text(value: Any, key: str = "") -> str:
+    """A value as people read it; a figure of METRICS scaled as its heading says."""
+    if value is None:
+        return "-" if key in FIGURES else "none"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if key in METRICS and is_number(value):
+        return METRICS[key].text(value)
+    if isinstance(value, float):
+        return f"{value:g}" if key in FIGURES or float(f"{value:g}") == value else repr(value)
+    return value if isinstance(value, str) else json.dumps(value)

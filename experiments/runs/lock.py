@@ -1,0 +1,95 @@
+"""One process a run: a lock that ends with its process, however that ends."""
+
+import errno
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from filelock import FileLock, Timeout
+
+from orchid_uav.experiments.errors import InputError
+from orchid_uav.experiments.provenance import boot_id
+from orchid_uav.notices import warn_once
+
+LOCK_FILE = ".lock"
+_PATIENCE_S = 2.0  # a look at the run takes the lock for an instant
+_LINUX_ENOTSUPP = 524  # Lustre's, for which there is no name
+_NO_LOCKS = {errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOTSUP, errno.ENOLCK, _LINUX_ENOTSUPP}
+"""How a file system says that it has no locks."""
+
+
+class RunLock:
+    """The right to write a run directory, held by this process until it is released or dies.
+
+    Where the file system has no locks it is taken for granted, with a warning.
+
+    Args:
+        directory: of the run.
+
+    Raises:
+        InputError: another process has it, or the directory cannot be written.
+    """
+
+    def __init__(self, directory: Path) -> None:
+        if not directory.is_dir():  # FileLock would make it
+            raise InputError(f"cannot write to {directory}: no such directory")
+        self._lock = _lock_of(directory)
+        try:
+            self._lock.acquire(timeout=_PATIENCE_S)
+        except Timeout as error:
+            raise InputError(f"run {directory.name} is being written by another process") from error
+        except OSError as error:
+            if error.errno not in _NO_LOCKS:
+                reason = error.strerror or error
+                raise InputError(f"cannot write to {directory}: {reason}") from error
+            warn_once(
+                "locks",
+                f"the file system of {directory} has no locks ({error.strerror}): nothing keeps "
+                "two processes from writing one run, so see to it yourself",
+            )
+
+    def release(self) -> None:
+        """Let others write."""
+        self._lock.release()
+
+
+def is_alive(directory: Path, record: Mapping[str, Any]) -> bool:
+    """Whether the process that writes a run is still there.
+
+    Args:
+        directory: of the run.
+        record: its ``run.json``, with "pid" and "boot_id".
+    """
+    path = directory / LOCK_FILE
+    if not path.exists():
+        return False
+    lock = _lock_of(directory)
+    try:
+        lock.acquire(timeout=0)
+    except Timeout:
+        return True
+    except OSError:  # a directory that can only be read, or a file system without locks
+        return _has_process(record)
+    lock.release()
+    return False
+
+
+def _lock_of(directory: Path) -> FileLock:
+    # A lock that is the mere existence of a file, which is filelock's way out of a file system
+    # without locks, would outlive its process.
+    return FileLock(directory / LOCK_FILE, fallback_to_soft=False)
+
+
+def _has_process(record: Mapping[str, Any]) -> bool:
+    if record.get("boot_id") != boot_id() or not isinstance(record.get("pid"), int):
+        return False
+    if os.name == "nt":  # where signal 0 is ctrl-C
+        return True
+    try:
+        os.kill(record["pid"], 0)
+    except PermissionError:
+        return True
+    except (OSError, OverflowError):
+        return False
+    return True

@@ -1,0 +1,239 @@
+"""Reading run directories: records, configurations, whether a run goes on or has died."""
+
+import os
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+from pydantic import ValidationError
+
+from orchid_uav.envs.parameters import describe_error
+from orchid_uav.experiments.configuration import RunConfig
+from orchid_uav.experiments.errors import InputError, nearest
+from orchid_uav.experiments.runs.lock import is_alive
+from orchid_uav.storage.files import checksum_of_file, read_document, read_sealed
+
+RECORD_FILE, CONFIG_FILE, EPISODES_FILE = "run.json", "config.json", "episodes.csv"
+CHECKPOINTS_FOLDER = "checkpoints"
+DEFAULT_RUNS_DIR = Path("runs")
+_TIME = re.compile(r"^\d{8}T\d{6}Z-")
+_ID = re.compile(r"\d{8}T\d{6}Z-(.+-s\d+)-[a-z]{4}")
+"""An id as it is given to a new run; a directory may be called otherwise."""
+_LARGEST_CONFIG = 2**20
+LARGEST_LOG = 2**30
+"""Bytes of ``episodes.csv`` at most."""
+
+Status = Literal["running", "completed", "failed", "interrupted"]
+SeenStatus = Literal["running", "completed", "failed", "interrupted", "died"]
+"""As others see it: "died" is a run that says it is running and whose process is gone."""
+
+_SHAPES: dict[str, type | tuple[type, ...]] = {
+    "id": str,
+    "name": str,
+    "status": str,
+    "command": list,
+    "versions": dict,
+    "host": dict,
+    "started": str,
+    "finished": (str, type(None)),
+    "seconds": (int, float),
+    "episodes": int,
+    "reset_episodes": list,
+    "final": dict,
+    "error": (str, type(None)),
+    "config_sha256": str,
+    "resumed": list,
+}
+"""What every record holds."""
+
+
+def read_record(path: Path) -> dict[str, Any]:
+    """The record of a run directory, as it was written.
+
+    Raises:
+        InputError: there is none, or it is damaged.
+    """
+    try:
+        record = read_sealed(path / RECORD_FILE)
+    except (FileNotFoundError, NotADirectoryError) as error:
+        raise InputError(f"{path} is not a run directory: it has no {RECORD_FILE}") from error
+    except OSError as error:
+        raise InputError(f"cannot read {path / RECORD_FILE}: {error.strerror or error}") from error
+    except ValueError as error:
+        raise InputError(f"cannot read the run: {error}") from error
+    for key, shape in _SHAPES.items():
+        if not isinstance(record.get(key, ...), shape):
+            raise InputError(f"{path / RECORD_FILE} is no record of a run: it has no {key}")
+    if record["status"] not in get_args(Status):
+        raise InputError(f"{path / RECORD_FILE} is no record of a run: {record['status']!r}")
+    return record
+
+
+def former_ids(record: Mapping[str, Any]) -> list[str]:
+    """Ids of the runs that this one is a copy of, or that it had before it was renamed.
+
+    Its checkpoints and its policy may name them, where they are older than it is.
+    """
+    found = record.get("former_ids", [])
+    return [one for one in found if isinstance(one, str)] if isinstance(found, list) else []
+
+
+def read_plain_config(path: Path, record: Mapping[str, Any]) -> dict[str, Any]:
+    """The sections of a run's configuration, as they were written; not validated.
+
+    Raises:
+        InputError: there is none, or it is damaged.
+    """
+    file = path / CONFIG_FILE
+    checksums = record["config_sha256"], record.get("next_config_sha256")
+    try:
+        found = checksum_of_file(file, _LARGEST_CONFIG)
+        if found not in checksums:
+            raise ValueError(f"{file} is not the configuration that the run was made with (sha256)")
+        return read_document(file, _LARGEST_CONFIG, found)
+    except OSError as error:
+        raise InputError(f"cannot read {file}: {error.strerror or error}") from error
+    except ValueError as error:
+        raise InputError(f"cannot read the run: {error}") from error
+
+
+def read_config(path: Path, record: Mapping[str, Any]) -> RunConfig:
+    """A run's configuration.
+
+    Raises:
+        InputError: there is none, it is damaged, or of another version.
+    """
+    try:
+        return RunConfig.model_validate(read_plain_config(path, record))
+    except ValidationError as error:
+        raise InputError(f"{path / CONFIG_FILE}: {describe_error(error, RunConfig)[1]}") from error
+
+
+def check_log(path: Path, record: Mapping[str, Any]) -> None:
+    """Check the episodes of a run that has ended.
+
+    Raises:
+        InputError: they cannot be read, or are not what the run wrote.
+    """
+    file, checksum = path / EPISODES_FILE, record.get("episodes_sha256")
+    try:
+        if checksum is not None and checksum_of_file(file, LARGEST_LOG) != checksum:
+            raise ValueError(f"{file} is not what was written: its checksum (sha256) does not fit")
+    except OSError as error:
+        raise InputError(f"cannot read {file}: {error.strerror or error}") from error
+    except ValueError as error:
+        raise InputError(f"cannot read the run: {error}") from error
+
+
+def status_of(path: Path, record: Mapping[str, Any]) -> SeenStatus:
+    """A run's status, "died" where it says "running" and nobody writes it."""
+    if record["status"] == "running" and not is_alive(path, record):
+        return "died"
+    status: SeenStatus = record["status"]
+    return status
+
+
+def has_checkpoint(path: Path) -> bool:
+    """Whether there is something that a run can go on from."""
+    return any((path / CHECKPOINTS_FOLDER).glob("*/"))
+
+
+def resume_command(path: Path) -> list[str]:
+    """The command line that goes on with a run, or extends it."""
+    return ["orchid", "train", "--resume", run_argument(path)]
+
+
+def run_argument(path: Path) -> str:
+    """What a run is called on a command line: its id where that is enough, else its path."""
+    try:
+        default = expanded(os.environ.get("ORCHID_RUNS_DIR") or DEFAULT_RUNS_DIR)
+        is_default = path.name not in ("", "..") and path.parent.resolve() == default.resolve()
+    except (OSError, InputError):
+        is_default = False
+    return path.name if is_default else str(path)
+
+
+def name_of(path: Path) -> str:
+    """What a run is called: its directory's name, of a link the link's."""
+    return path.name if path.name not in ("", "..") else path.resolve().name
+
+
+def without_time(run_id: str) -> str:
+    """An id from its name on, which is the part that people recognise."""
+    return _TIME.sub("", run_id, count=1)
+
+
+def _name_and_seed(run_id: str) -> str:
+    match = _ID.fullmatch(run_id)
+    return match[1] if match else run_id
+
+
+def short_ids(ids: Sequence[str]) -> dict[str, str]:
+    """The shortest part of each id that no other one has: name and seed, then letters, then time.
+
+    :func:`find_run` knows a run by it as well, unless further runs have the same part.
+    """
+    parts = {run: (_name_and_seed(run), without_time(run), run) for run in ids}
+    short = {}
+    for run, own in parts.items():
+        taken = {part for other, found in parts.items() if other != run for part in found}
+        short[run] = next((part for part in own if part not in taken), run)
+    return short
+
+
+def find_run(name: str, runs_dir: Path) -> Path:
+    """The directory of a run given as a path, an id, or a unique beginning of one.
+
+    The beginning may leave out the time: what tables show is found as well.
+
+    Raises:
+        InputError: none or several fit.
+    """
+    given = expanded(name)
+    try:
+        if given.is_dir():
+            return given
+    except (OSError, ValueError) as error:
+        raise InputError(f"no run {name!r}: {getattr(error, 'strerror', error)}") from error
+    try:
+        entries = sorted(runs_dir.iterdir())
+    except (FileNotFoundError, NotADirectoryError) as error:
+        raise InputError(f"no run '{name}': there is no directory {runs_dir}") from error
+    except OSError as error:
+        raise InputError(f"cannot read {runs_dir}: {error.strerror or error}") from error
+    # Not Path.is_file, which raises an error where a directory is somebody else's.
+    ids = [path.name for path in entries if os.path.isfile(path / RECORD_FILE)]  # noqa: PTH113
+    found = [name] if name in ids else [run for run in ids if run.startswith(name)]
+    found = found or [run for run in ids if _name_and_seed(run) == name]
+    found = found or [run for run in ids if without_time(run).startswith(name)]
+    if len(found) == 1:
+        return runs_dir / found[0]
+    if found:
+        shown = ", ".join(found[:4]) + (" ..." if len(found) > 4 else "")
+        raise InputError(f"'{name}' begins {len(found)} runs: {shown}")
+    try:
+        os.lstat(runs_dir / name / RECORD_FILE)
+    except PermissionError as error:
+        raise InputError(f"cannot read {runs_dir / name}: {error.strerror}") from error
+    except (OSError, ValueError):
+        pass
+    near = nearest(name, ids, cutoff=0.3)
+    hint = f"; did you mean '{near}'?" if near else ""
+    raise InputError(f"no run '{name}' in {runs_dir}{hint}")
+
+
+def expanded(path: str | Path) -> Path:
+    """The path with ``~`` replaced.
+
+    Raises:
+        InputError: there is no such user, or no text that libraries and JSON could hold.
+    """
+    try:
+        os.fspath(path).encode()
+        return Path(path).expanduser()
+    except UnicodeEncodeError as error:
+        shown = os.fsencode(path)
+        raise InputError(f"{shown!r} is no path that is used here: it is not UTF-8") from error
+    except RuntimeError as error:
+        raise InputError(f"{path}: no home is known for that; give the path without '~'") from error

@@ -1,0 +1,147 @@
+"""Deleting run directories, and nothing else."""
+
+import os
+import secrets
+import shutil
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from orchid_uav.experiments.errors import InputError, RunFailedError
+from orchid_uav.experiments.runs.lock import RunLock
+from orchid_uav.experiments.runs.records import RECORD_FILE, find_run, read_record, status_of
+
+_HIDDEN = ".orchid-deleted-"
+"""Beginning of the names of what is being removed, which no listing shows."""
+
+
+@dataclass(frozen=True)
+class Removal:
+    """A run that may be deleted."""
+
+    path: Path
+    """In the directory of runs, whose links are resolved."""
+    status: str
+    """As seen, or "damaged"."""
+    size: int
+    """Bytes that are freed."""
+    link_target: str | None
+    """Where a run directory that is a link leads. Only the link is removed."""
+    _identity: tuple[int, int]
+
+
+def plan_removal(names: Sequence[str], runs_dir: Path) -> list[Removal]:
+    """What deleting runs would remove; nothing is removed yet.
+
+    Args:
+        names: ids, unique beginnings of ids, or paths.
+        runs_dir: where the runs lie.
+
+    Raises:
+        InputError: one of them is running, is no run, or lies elsewhere.
+    """
+    removals = {}
+    for name in names:
+        path = _place_of(name, runs_dir)
+        removals[path] = _removal_of(path)
+    return list(removals.values())
+
+
+def _place_of(name: str, runs_dir: Path) -> Path:
+    """Where it lies, the last part of the path not followed if it is a link."""
+    path = find_run(name, runs_dir)
+    if path.name in ("", ".."):
+        path = path.resolve()
+    home = runs_dir.resolve()
+    if path.parent.resolve() != home:
+        raise InputError(
+            f"{path} does not lie in {runs_dir}: give the directory of its runs with --runs-dir"
+        )
+    return home / path.name
+
+
+def _removal_of(path: Path) -> Removal:
+    seen = path.lstat()
+    if not os.path.lexists(path / RECORD_FILE):
+        raise InputError(f"{path} is not a run directory: it has no {RECORD_FILE}")
+    try:
+        status: str = status_of(path, read_record(path))
+    except InputError:
+        status = "damaged"
+    if status == "running":
+        raise InputError(f"run {path.name} is running: stop it first")
+    is_link = path.is_symlink()
+    return Removal(
+        path,
+        status,
+        size=seen.st_size if is_link else _size_of(path),
+        link_target=str(path.readlink()) if is_link else None,
+        _identity=(seen.st_dev, seen.st_ino),
+    )
+
+
+def _size_of(directory: Path) -> int:
+    return sum(
+        (Path(folder) / name).lstat().st_size
+        for folder, _, names in os.walk(directory)
+        for name in names
+    )
+
+
+def remove(removals: Iterable[Removal]) -> list[str]:
+    """Delete runs, each in one step for whoever looks: it is renamed before it is taken apart.
+
+    Links are removed and never followed. An interruption leaves every run whole or gone.
+
+    Returns:
+        Their ids.
+
+    Raises:
+        InputError: one was replaced or is being written since it was looked at.
+        RunFailedError: one cannot be removed.
+    """
+    deleted = []
+    for removal in removals:
+        _finish_earlier(removal.path.parent)
+        try:
+            _remove(removal)
+        except OSError as error:
+            raise RunFailedError(
+                f"cannot delete {removal.path}: {error.strerror or error}"
+            ) from error
+        deleted.append(removal.path.name)
+    return deleted
+
+
+def _remove(removal: Removal) -> None:
+    path = removal.path
+    lock = None if removal.link_target else RunLock(path)
+    try:
+        hidden = path.with_name(_HIDDEN + secrets.token_hex(8))
+        path.rename(hidden)
+        seen = hidden.lstat()
+        if (seen.st_dev, seen.st_ino) != removal._identity:
+            hidden.rename(path)
+            raise InputError(f"{path} was replaced while it was looked at: nothing was deleted")
+        try:
+            _take_apart(hidden)
+        except KeyboardInterrupt:
+            _take_apart(hidden)
+            raise
+    finally:
+        if lock is not None:
+            lock.release()
+
+
+def _take_apart(hidden: Path) -> None:
+    if hidden.is_symlink():
+        hidden.unlink()
+    elif hidden.exists():
+        shutil.rmtree(hidden)  # follows no link
+
+
+def _finish_earlier(runs_dir: Path) -> None:
+    """Remove what a deletion left that was killed."""
+    for path in runs_dir.glob(f"{_HIDDEN}*"):
+        if not path.is_symlink():
+            shutil.rmtree(path, ignore_errors=True)

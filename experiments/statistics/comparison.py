@@ -1,0 +1,375 @@
+"""Comparing training runs over seeds: effects first, then what chance could have done.
+
+The unit of analysis is the training seed. Variants share their seeds with the base, so that effects
+are paired differences, variant − base. A run that failed has no figure, NaN or None: failures are
+counted and told beside the effect, which is of the pairs that are complete. They are never imputed.
+"""
+
+from collections.abc import Mapping, Sequence
+from itertools import product
+from typing import Any, Literal
+
+import numpy as np
+from scipy.special import nctdtrinc
+from scipy.stats import permutation_test, rankdata, t, trim_mean
+
+from orchid_uav.experiments.errors import InputError
+from orchid_uav.experiments.statistics.intervals import Floats, interval
+
+Figures = Sequence[float | None] | Floats
+"""One value per seed, the seeds in the same order everywhere; NaN or None where the run failed."""
+Better = Literal["higher", "lower"] | None
+"""Which way a figure is better; None where more is neither better nor worse."""
+Verdict = Literal[
+    "better", "worse", "higher", "lower", "equivalent", "no difference shown", "undecided"
+]
+
+ALPHA = 0.05
+MIN_SEEDS = 5
+"""Fewer give no interval, no equivalence and no least detectable effect."""
+FLIPS = 2**14
+"""Sign patterns of the permutation test: all of them up to 14 pairs, else as many at random."""
+TEST = f"two-sided sign-flip permutation of the mean paired difference, at most {FLIPS} patterns"
+
+
+def interquartile_mean(values: Floats, axis: int = -1) -> Any:
+    """Mean of the middle half (Agarwal et al. 2021): neither one lucky nor one lost seed moves it.
+
+    Of n values the ⌊n/4⌋ lowest and the ⌊n/4⌋ highest are left out whole and the rest is averaged,
+    as by ``scipy.stats.trim_mean(values, 0.25)``. Where n is no multiple of 4, that is more than
+    half: 3 of 5, 4 of 6, 5 of 7, 6 of 10. Below 4 values it is the mean.
+
+    Args:
+        values: at least one along ``axis``; one NaN makes the mean NaN.
+        axis: to average over.
+    """
+    return trim_mean(values, 0.25, axis=axis)
+
+
+def describe_seeds(values: Figures) -> dict[str, Any]:
+    """What the seeds of one method reached.
+
+    Returns:
+        "n" seeds with a figure and "failed" ones without, which no other entry contains; "mean",
+        "median", "iqm" and "std" (ddof = 1); "ci95", the BCa interval over seeds of the statistic
+        named in "ci95_of". None for what so few seeds cannot give, and for an interval where no
+        single seed moves the statistic (nine of ten at 0).
+
+    Raises:
+        InputError: what is given is neither finite numbers nor failures.
+    """
+    given = _figures(values)
+    reached = given[~np.isnan(given)]
+    return {
+        "n": len(reached),
+        "failed": len(given) - len(reached),
+        **_averages(reached),
+        "std": float(np.std(reached, ddof=1)) if len(reached) > 1 else None,
+        "ci95": _over_seeds((reached,), interquartile_mean),
+        "ci95_of": "iqm",
+    }
+
+
+def compare_pairs(
+    base: Figures, variant: Figures, better: Better, margin: float | None = None
+) -> dict[str, Any]:
+    """One figure of a variant against that of its base, paired by seed.
+
+    Args:
+        base: one value per seed.
+        variant: of the same seeds in the same order.
+        better: which way the figure is better.
+        margin: greatest mean difference that does not matter, in the figure's unit and written down
+            before the runs; None for no test of equivalence.
+
+    Returns:
+        * "n" complete pairs out of "seeds"; "failed_base" and "failed_variant" runs, "better".
+        * "difference": "mean", "median" and "iqm" of variant − base over complete pairs; "ci95",
+          the BCa interval of what "ci95_of" names. Of the mean it is somewhat narrow: of normal
+          data, it covers the truth in some 83 % of samples of 5 seeds and 90 % of 10.
+        * "relative": mean difference / |mean of base| of the same pairs; None where that is 0.
+        * "probability_of_improvement" and "probability_of_improvement_ci95": see that function.
+        * "p_value": see ``sign_flip_p_value``; "smallest_p": the least that so many pairs give.
+        * "equivalence", "least_detectable_effect": see those functions.
+
+        None for what so few pairs cannot give.
+
+    Raises:
+        InputError: seeds that do not pair, values that are no figures, a way that is none, or a
+            margin not above 0.
+    """
+    if better not in ("higher", "lower", None):
+        raise InputError(f"'{better}' is no way to be better: give 'higher', 'lower' or None")
+    one, other = _figures(base), _figures(variant)
+    if len(one) != len(other):
+        raise InputError(
+            f"{len(one)} seeds of the base and {len(other)} of the variant do not pair: "
+            "give one value per seed to both, NaN for a failed run"
+        )
+    failed_one, failed_other = np.isnan(one), np.isnan(other)
+    complete = ~(failed_one | failed_other)
+    differences = other[complete] - one[complete]
+    of_base = abs(float(np.mean(one[complete]))) if complete.any() else 0.0
+    improvement = probability_of_improvement(one, other, better)
+    return {
+        "n": len(differences),
+        "seeds": len(one),
+        "failed_base": int(failed_one.sum()),
+        "failed_variant": int(failed_other.sum()),
+        "better": better,
+        "difference": {
+            **_averages(differences),
+            "ci95": _over_seeds((differences,), np.mean),
+            "ci95_of": "mean",
+        },
+        "relative": float(np.mean(differences)) / of_base if of_base else None,
+        "probability_of_improvement": improvement[0],
+        "probability_of_improvement_ci95": improvement[1],
+        "p_value": sign_flip_p_value(differences),
+        "smallest_p": _smallest_p(len(differences)),
+        "equivalence": equivalence(differences, margin),
+        "least_detectable_effect": least_detectable_effect(differences),
+    }
+
+
+def probability_of_improvement(
+    base: Floats, variant: Floats, better: Better
+) -> tuple[float | None, list[float] | None]:
+    """How often a run of the variant is better than one of the base, of any seeds: Mann-Whitney.
+
+    The share of all pairs of a base's and a variant's seed in which the variant is better, ties
+    counted half; where neither way is better, in which it is higher. A failed run is worse than any
+    that did not fail, and ties with another failed one; where neither way is better, there is no
+    worse, and seeds that failed on either side are left out.
+
+    Returns:
+        The share, and its BCa interval with both runs of a seed drawn together: None below 5 seeds,
+        and where no resample gives another share, for then they do not tell how sure it is (runs
+        that do not overlap at all give 0 or 1 in each).
+    """
+    if better is None:
+        complete = ~(np.isnan(base) | np.isnan(variant))
+        base, variant = base[complete], variant[complete]
+    if not len(base):
+        return None, None
+    merits = np.concatenate([base, variant]) * (-1.0 if better == "lower" else 1.0)
+    merits[np.isnan(merits)] = -np.inf
+    places = rankdata(merits, method="dense").astype(np.float64)
+    samples = (places[: len(base)], places[len(base) :])
+    ends = _over_seeds(samples, _share_above)
+    is_known = ends is not None and ends[0] < ends[1]
+    return float(_share_above(*samples)), ends if is_known else None
+
+
+def _share_above(base: Floats, variant: Floats, axis: int = -1) -> Any:
+    """Mann-Whitney's U / n², from the ranks of the variant's values among all; last axis only."""
+    count = base.shape[axis]
+    ranks = rankdata(np.concatenate([base, variant], axis=axis), axis=axis)[..., count:]
+    return (ranks.mean(axis=axis) - (count + 1) / 2) / count
+
+
+def sign_flip_p_value(differences: Floats) -> float | None:
+    """How often random signs give paired differences a mean as far from 0 as theirs, two-sided.
+
+    Exact up to 14 pairs: n pairs can give no less than 2/2ⁿ, so 5 can never show a difference at
+    0.05, 6 give 0.031 and 10 give 0.002. Beyond, from ``FLIPS`` patterns of a fixed generator and
+    the observed one: no less than 2/(FLIPS + 1). None without pairs.
+    """
+    if len(differences) < 2:
+        return 1.0 if len(differences) else None
+    found = permutation_test(
+        (differences,),
+        np.mean,
+        permutation_type="samples",
+        vectorized=True,
+        n_resamples=FLIPS,
+        axis=-1,
+        rng=np.random.default_rng(0),
+    )
+    return float(found.pvalue)
+
+
+def _smallest_p(pairs: int) -> float | None:
+    patterns = 2**pairs
+    return 2.0 / (patterns if patterns <= FLIPS else FLIPS + 1) if pairs else None
+
+
+def equivalence(differences: Floats, margin: float | None) -> dict[str, Any] | None:
+    """Two one-sided paired t-tests: is the mean difference shown to lie within ±margin?
+
+    Returns:
+        {"margin", "p_value": the greater of the two, "equivalent": whether it is at most 0.05},
+        not adjusted for other comparisons; None without a margin and below 5 pairs. Differences
+        that are all the same are taken as exact: p is 0 where they lie within the margin, else 1.
+
+    Raises:
+        InputError: the margin is not above 0.
+    """
+    if margin is None:
+        return None
+    if not 0.0 < margin < np.inf:
+        raise InputError(f"a margin of {margin} is no margin: give a finite number above 0")
+    count = len(differences)
+    if count < MIN_SEEDS:
+        return None
+    distance = margin - abs(float(np.mean(differences)))
+    error = float(np.std(differences, ddof=1)) / count**0.5
+    p_value = float(t.sf(distance / error, count - 1)) if error else float(distance <= 0.0)
+    return {"margin": float(margin), "p_value": p_value, "equivalent": p_value <= ALPHA}
+
+
+def least_detectable_effect(
+    differences: Floats, power: float = 0.8, alpha: float = ALPHA
+) -> float | None:
+    """Mean difference that a two-sided paired t-test with such a spread would show with this power.
+
+    From the noncentral t distribution; the far tail, where the test errs in sign, is left out
+    (below 1e-6 for a power of 0.8). Of a single test: a family needs more. None below 5 pairs.
+
+    Args:
+        differences: of pairs; only their number and standard deviation matter.
+        power: how often the effect would be shown.
+        alpha: how often no effect at all would be.
+
+    Raises:
+        InputError: not 0 < alpha < power < 1.
+    """
+    if not 0.0 < alpha < power < 1.0:
+        raise InputError(f"no test has power {power} at level {alpha}: give 0 < level < power < 1")
+    count = len(differences)
+    if count < MIN_SEEDS:
+        return None
+    threshold = t.isf(alpha / 2.0, count - 1)
+    noncentrality = nctdtrinc(count - 1, 1.0 - power, threshold)
+    return float(noncentrality * np.std(differences, ddof=1) / count**0.5)
+
+
+def holm(p_values: Sequence[float | None]) -> list[float | None]:
+    """Holm's adjusted p-values of one family, in the order given; None stays None, uncounted.
+
+    Raises:
+        InputError: a value outside [0, 1].
+    """
+    tested = [(p_value, index) for index, p_value in enumerate(p_values) if p_value is not None]
+    adjusted: list[float | None] = [None] * len(p_values)
+    greatest = 0.0
+    for rank, (p_value, index) in enumerate(sorted(tested)):
+        if not 0.0 <= p_value <= 1.0:
+            raise InputError(f"{p_value} is no p-value: give numbers from 0 to 1, or None")
+        greatest = max(greatest, min(1.0, (len(tested) - rank) * p_value))
+        adjusted[index] = greatest
+    return adjusted
+
+
+def compare_families(
+    base: Mapping[str, Figures],
+    variants: Mapping[str, Mapping[str, Figures]],
+    better: Mapping[str, Better],
+    margins: Mapping[str, float] | None = None,
+) -> dict[str, dict[str, dict[str, Any]]]:
+    """Every variant against the base in every figure: all of one call are one family.
+
+    Args:
+        base: values per seed of each figure.
+        variants: the same of each variant, under its name.
+        better: the figures that are judged together, and which way each is better.
+        margins: of equivalence, for figures that have one.
+
+    Returns:
+        By variant and figure, what ``compare_pairs`` gives and "p_holm"; "smallest_p_holm", the
+        least that the first p of the family could be, so that nothing can be shown where it is
+        above 0.05 (10 seeds can show nothing among more than 25); and "verdict", of ``judge``.
+
+    Raises:
+        InputError: a figure is missing, a margin is of none that is judged, or as
+            ``compare_pairs``.
+    """
+    margins = margins or {}
+    for metric in margins:
+        if metric not in better:
+            raise InputError(f"a margin for '{metric}', but judged are {', '.join(better)}")
+    comparisons: dict[str, dict[str, dict[str, Any]]] = {name: {} for name in variants}
+    for name, metric in product(variants, better):
+        comparisons[name][metric] = compare_pairs(
+            _of(base, metric, "the base"),
+            _of(variants[name], metric, f"'{name}'"),
+            better[metric],
+            margins.get(metric),
+        )
+    family = [found for by_metric in comparisons.values() for found in by_metric.values()]
+    tests = sum(found["p_value"] is not None for found in family)
+    adjusted = holm([found["p_value"] for found in family])
+    for found, p_holm in zip(family, adjusted, strict=True):
+        least = found["smallest_p"]
+        found["p_holm"] = p_holm
+        found["smallest_p_holm"] = None if least is None else min(1.0, tests * least)
+        found["verdict"] = judge(found)
+    return comparisons
+
+
+def judge(comparison: Mapping[str, Any]) -> Verdict:
+    """What a comparison says, in a word, at a level of 0.05.
+
+    * "equivalent": shown to lie within the margin, even where also shown not to be 0.
+    * "better" and "worse" ("higher" and "lower" where neither way is better): "p_holm" (outside of
+      a family, "p_value") is at most 0.05. The way is that of the mean paired difference.
+    * "no difference shown": neither, and the test could have shown one. That is not equality: see
+      the interval and "least_detectable_effect".
+    * "undecided": there are too few pairs for any p at most 0.05, or one side failed more often and
+      the effect does not point the same way, since seeds that survived are no fair sample. With
+      more failures, a variant can be worse, but neither better nor equivalent.
+    """
+    word = _word(comparison)
+    balance = comparison["failed_variant"] - comparison["failed_base"]
+    if balance and word not in ("no difference shown", "worse" if balance > 0 else "better"):
+        return "undecided"
+    return word
+
+
+def _word(comparison: Mapping[str, Any]) -> Verdict:
+    """The verdict of complete pairs, whatever failed."""
+    p_value = comparison.get("p_holm", comparison["p_value"])
+    smallest = comparison.get("smallest_p_holm", comparison["smallest_p"])
+    if comparison["equivalence"] is not None and comparison["equivalence"]["equivalent"]:
+        return "equivalent"
+    if p_value is None:
+        return "undecided"
+    if p_value > ALPHA:
+        return "undecided" if smallest > ALPHA else "no difference shown"
+    is_higher = comparison["difference"]["mean"] > 0.0
+    if comparison["better"] is None:
+        return "higher" if is_higher else "lower"
+    return "better" if is_higher == (comparison["better"] == "higher") else "worse"
+
+
+def _averages(values: Floats) -> dict[str, float | None]:
+    if not len(values):
+        return {"mean": None, "median": None, "iqm": None}
+    return {
+        "mean": float(np.mean(values)),
+        "median": float(np.median(values)),
+        "iqm": float(interquartile_mean(values)),
+    }
+
+
+def _over_seeds(samples: tuple[Floats, ...], statistic: Any) -> list[float] | None:
+    return interval(samples, statistic) if len(samples[0]) >= MIN_SEEDS else None
+
+
+def _of(values: Mapping[str, Figures], metric: str, whose: str) -> Figures:
+    if metric not in values:
+        raise InputError(f"{whose} has no '{metric}', only {', '.join(values) or 'nothing'}")
+    return values[metric]
+
+
+def _figures(values: Figures) -> Floats:
+    """Finite numbers and, for failed runs, NaN: (seeds,)."""
+    try:
+        figures = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        figures = np.array(np.inf)
+    if figures.ndim != 1 or np.isinf(figures).any():
+        raise InputError(
+            f"{values!r} are no figures: give a list of finite numbers, NaN where a run failed"
+        )
+    return figures

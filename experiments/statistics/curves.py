@@ -1,0 +1,182 @@
+"""Learning curves as numbers: smoothed, and of several runs their middle and how sure it is."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from orchid_uav.envs.metrics import EPISODE_METRICS
+from orchid_uav.experiments.metrics import METRICS
+
+Row = Mapping[str, float]
+"""An episode's figures, as ``read_episodes`` gives them."""
+Floats = NDArray[np.float64]
+
+WINDOW = 20
+"""Episodes of a trailing mean, unless another number is asked for."""
+DEFAULT_COLUMNS = (
+    "reward",
+    "energy_efficiency_bit_per_joule",
+    "rate_jfi",
+    "load_jfi",
+    "worst_rate_bps",
+    "coverage",
+)
+"""What is drawn where nothing else is asked for."""
+MIN_RUNS = 5
+"""Fewer have no interval worth its name."""
+RESAMPLES = 2000
+CONFIDENCE = 0.95
+_EPISODES_AT_ONCE = 64
+_DIGITS = 6
+
+
+class Curve(NamedTuple):
+    """One figure of one run or of several, by episode; all arrays (E,)."""
+
+    runs: int
+    """At its beginning."""
+    episodes: Floats
+    values: Floats
+    """Of the run, or the interquartile mean over runs."""
+    band: tuple[Floats, Floats] | None
+    """Interval of the interquartile mean; None below ``MIN_RUNS`` runs."""
+
+
+def heading_of(column: str) -> str:
+    """What a column is called, with the unit of its scaled values."""
+    return METRICS[column].heading if column in METRICS else column.replace("_", " ")
+
+
+def scale_of(column: str) -> float:
+    """Factor from a column's values to those shown."""
+    return METRICS[column].scale if column in METRICS else 1.0
+
+
+def smoothed(values: ArrayLike, window: int) -> Floats:
+    """Trailing means: of the last ``window`` values, or of all there are so far, (E,).
+
+    A value that is not a number leaves those behind its window alone.
+
+    Raises:
+        ValueError: a window of less than one value.
+    """
+    if window < 1:
+        raise ValueError(f"a window of {window} values has no mean")
+    given = np.asarray(values, np.float64)
+    beginning = given[: window - 1]
+    means = np.cumsum(beginning) / np.arange(1, len(beginning) + 1)
+    if len(given) < window:
+        return means
+    rest = np.lib.stride_tricks.sliding_window_view(given, window).mean(axis=1)
+    return np.concatenate([means, rest])
+
+
+def single_curve(rows: Sequence[Row], column: str, window: int = WINDOW) -> Curve:
+    """A run's figure, smoothed and scaled as it is shown."""
+    values = smoothed([row[column] for row in rows], window) * scale_of(column)
+    return Curve(1, np.array([row["episode"] for row in rows], np.float64), values, None)
+
+
+def group_curve(runs: Sequence[Sequence[Row]], column: str, window: int = WINDOW) -> Curve:
+    """The interquartile mean over runs at each episode, each run smoothed before.
+
+    A run that ended early counts until its last episode. With ``MIN_RUNS`` runs or more there is a
+    band, and the curve ends where fewer go on; below, it is the mean and ends with the longest.
+
+    Args:
+        runs: rows of each, from the first episode on.
+        column: of the rows.
+        window: episodes of the trailing mean.
+    """
+    from orchid_uav.experiments.statistics.comparison import interquartile_mean
+
+    singles = sorted((single_curve(rows, column, window) for rows in runs), key=_length)
+    if not singles:
+        return Curve(0, np.empty(0), np.empty(0), None)
+    has_band = len(singles) >= MIN_RUNS
+    values, lows, highs = [np.empty(0)], [np.empty(0)], [np.empty(0)]
+    for begin, end, going_on in _stretches(singles, MIN_RUNS if has_band else 1):
+        table = np.stack([curve.values[begin:end] for curve in going_on])
+        values.append(interquartile_mean(table, axis=0))
+        if has_band:
+            low, high = _bootstrap_interval(table)
+            lows.append(low)
+            highs.append(high)
+    middle = np.concatenate(values)
+    band = (np.concatenate(lows), np.concatenate(highs)) if has_band else None
+    return Curve(len(singles), singles[-1].episodes[: len(middle)], middle, band)
+
+
+def _length(curve: Curve) -> int:
+    return len(curve.values)
+
+
+def _stretches(curves: Sequence[Curve], least: int) -> Iterator[tuple[int, int, Sequence[Curve]]]:
+    """Begin and end of the parts in which the same curves, at least so many, go on."""
+    ends = sorted({0, *map(_length, curves)})
+    for begin, end in pairwise(ends):
+        going_on = [curve for curve in curves if _length(curve) >= end]
+        if len(going_on) >= least:
+            yield begin, end, going_on
+
+
+def _bootstrap_interval(table: Floats) -> tuple[Floats, Floats]:
+    """Percentile-bootstrap interval of the interquartile mean of (runs, E) over whole runs."""
+    from orchid_uav.experiments.statistics.comparison import interquartile_mean
+
+    count = len(table)
+    drawn = np.random.default_rng(0).integers(0, count, (RESAMPLES, count))
+    tail = 100.0 * (1.0 - CONFIDENCE) / 2.0
+    parts = [
+        np.percentile(interquartile_mean(part[drawn], axis=1), [tail, 100.0 - tail], axis=0)
+        for part in np.array_split(table, max(1, table.shape[1] // _EPISODES_AT_ONCE), axis=1)
+    ]
+    low, high = np.concatenate(parts, axis=1)
+    return low, high
+
+
+def curve_table(
+    groups: Mapping[str, Sequence[Sequence[Row]]],
+    columns: Sequence[str] = EPISODE_METRICS,
+    window: int = WINDOW,
+    every: int = 1,
+) -> dict[str, dict[str, dict[str, Any]]]:
+    """The numbers of learning curves for a JSON document, unscaled, by group and column.
+
+    Args:
+        groups: rows of each run, by the group's name.
+        columns: of the rows.
+        window: episodes of the trailing mean.
+        every: keep every so many episodes, and the last.
+
+    Returns:
+        {"runs", "episodes", "iqm", "low", "high"}: lists of the same length, six digits, None for
+        what is not a number; "low" and "high" are None below ``MIN_RUNS`` runs.
+    """
+    return {
+        name: {
+            column: _plain(group_curve(runs, column, window), column, every) for column in columns
+        }
+        for name, runs in groups.items()
+    }
+
+
+def _plain(curve: Curve, column: str, every: int) -> dict[str, Any]:
+    last = len(curve.episodes) - 1
+    kept = [at for at in range(last + 1) if (at + 1) % every == 0 or at == last]
+
+    def numbers(values: Floats) -> list[float | None]:
+        unscaled = values[kept] / scale_of(column)
+        return [float(f"{x:.{_DIGITS}g}") if np.isfinite(x) else None for x in unscaled]
+
+    low, high = curve.band or (None, None)
+    return {
+        "runs": curve.runs,
+        "episodes": [int(episode) for episode in curve.episodes[kept]],
+        "iqm": numbers(curve.values),
+        "low": None if low is None else numbers(low),
+        "high": None if high is None else numbers(high),
+    }

@@ -1,0 +1,1 @@
+"""One training run: learner, loop, checkpoints, trackers."""

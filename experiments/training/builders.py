@@ -1,0 +1,119 @@
+"""The learner and the callbacks of a configuration."""
+
+import numpy as np
+import torch
+
+from orchid_uav.agents.maddpg.maddpg import MADDPG
+from orchid_uav.agents.mappo.mappo import MAPPO
+from orchid_uav.callbacks import (
+    ResetAndFinetune,
+)
+from orchid_uav.envs.interfaces.sb3_vec_env import FleetVecEnv
+from orchid_uav.experiments.configuration import RunConfig
+
+_RANDOM_RESETS = 1
+"""Tells the generator of reset episodes from all others of a seed."""
+
+
+def build_model(config: RunConfig, env: FleetVecEnv) -> MAPPO | MADDPG:
+    """The learner of a configuration."""
+    return _build_maddpg(config, env) if _is_maddpg(config) else _build_mappo(config, env)
+
+
+def _is_maddpg(config: RunConfig) -> bool:
+    return config.training.algorithm == "maddpg"
+
+
+def _build_mappo(config: RunConfig, env: FleetVecEnv) -> MAPPO:
+    ppo, training = config.ppo, config.training
+    return MAPPO(
+        "CentralizedCriticPolicy",
+        env,
+        learning_rate=ppo.actor_learning_rate,
+        critic_learning_rate=ppo.critic_learning_rate,
+        n_steps=config.network.episode_slots,
+        batch_size=ppo.batch_size,
+        n_epochs=ppo.epochs,
+        gamma=ppo.discount,
+        gae_lambda=ppo.gae_lambda,
+        clip_range=ppo.clip_ratio,
+        ent_coef=ppo.entropy_coef[0],
+        vf_coef=ppo.value_coef,
+        max_grad_norm=ppo.max_grad_norm,
+        policy_kwargs={
+            "net_arch": ppo.hidden_sizes,
+            "log_std_init": ppo.log_std_init,
+            "optimizer_kwargs": {"eps": ppo.adam_epsilon, "fused": True},
+        },
+        seed=training.seed,
+    )
+
+
+def _build_maddpg(config: RunConfig, env: FleetVecEnv) -> MADDPG:
+    maddpg, training = config.maddpg, config.training
+    return MADDPG(
+        "JointCriticPolicy",
+        env,
+        learning_rate=maddpg.actor_learning_rate,
+        critic_learning_rate=maddpg.critic_learning_rate,
+        buffer_size=maddpg.buffer_size,
+        batch_size=maddpg.batch_size,
+        target_rate=maddpg.target_rate,
+        gamma=maddpg.discount,
+        update_every=maddpg.update_every_slots,
+        gradient_steps=training.worlds,
+        exploration_std=maddpg.exploration_std,
+        preactivation_penalty=maddpg.preactivation_penalty,
+        max_grad_norm=maddpg.max_grad_norm,
+        episode_steps=config.network.episode_slots,
+        policy_kwargs={
+            "net_arch": maddpg.hidden_sizes,
+            "optimizer_kwargs": {"eps": maddpg.adam_epsilon, "fused": True},
+        },
+        seed=training.seed,
+    )
+
+
+def build_reset_and_finetune(config: RunConfig) -> ResetAndFinetune | None:
+    """The callback of a configuration, None with ``--no-rf``."""
+    reset = config.reset
+    if not reset.enabled:
+        return None
+    return ResetAndFinetune(
+        window=reset.window,
+        tolerance_jfi=reset.tolerance_jfi,
+        tolerance_reward=reset.tolerance_reward,
+        kappa=reset.kappa,
+        max_resets=reset.max_resets,
+        at_episodes=_random_episodes(config) if reset.trigger == "random" else None,
+        clear_optimizer=reset.clear_optimizer,
+    )
+
+
+def _random_episodes(config: RunConfig) -> list[int]:
+    """Episodes at which a plateau could be seen, and after which there is something to learn.
+
+    As far from each other as resets at plateaus are at least.
+    """
+    distance, last = 2 * config.reset.window, _schedule_episodes(config) - 1
+    count = min(config.reset.max_resets, last // distance)
+    generator = np.random.default_rng([config.training.seed, _RANDOM_RESETS])
+    # Drawn where only numbers of their own are needed, and then moved apart.
+    choices = np.arange(distance, last + 1 - (count - 1) * (distance - 1))
+    drawn = np.sort(generator.choice(choices, count, replace=False))
+    return (drawn + np.arange(count) * (distance - 1)).tolist()
+
+
+def _schedule_episodes(config: RunConfig) -> int:
+    return config.training.schedule_episodes or config.training.episodes
+
+
+def set_up_torch(threads: int) -> None:
+    """Threads of this process, and no denormal numbers.
+
+    Adam's averages of vanishing gradients decay into denormals, on which the processor computes
+    several times slower: without this the updates of a run take up to half longer (see
+    docs/performance.md). The numbers are below 1e-38.
+    """
+    torch.set_num_threads(threads)
+    torch.set_flush_denormal(True)

@@ -1,0 +1,207 @@
+"""A training run as a job: found if it is there, gone on with if it stopped, else begun.
+
+``python -m orchid_uav.experiments.training.job FILE`` is what other processes start.
+"""
+
+import gc
+import os
+import re
+import signal
+import sys
+import threading
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from orchid_uav.experiments.configuration import RunConfig
+from orchid_uav.experiments.errors import InputError, RunFailedError
+from orchid_uav.experiments.interruption import ignore_signals, interruption_requests
+from orchid_uav.experiments.jobs.local_processes import INTERRUPTED_CODE, Job
+from orchid_uav.experiments.output import lasting_output
+from orchid_uav.experiments.runs.records import (
+    EPISODES_FILE,
+    SeenStatus,
+    read_config,
+    read_record,
+    status_of,
+)
+from orchid_uav.notices import show_on_stderr
+from orchid_uav.storage.files import read_document, write_json
+
+
+@dataclass(frozen=True)
+class TrainingJob:
+    """A run that is to be there, complete, in the end.
+
+    Its name, seed and configuration say which run it is, so that it can be asked for again.
+    """
+
+    name: str
+    config: RunConfig
+    runs_dir: Path
+    command: tuple[str, ...]
+    """What the user called; for the run's record."""
+
+    @property
+    def key(self) -> str:
+        """Name and seed."""
+        return f"{self.name}-s{self.config.training.seed}"
+
+    def find(self) -> Path | None:
+        """The run's directory, None if it has not begun; of several a complete or the newest."""
+        if not self.runs_dir.is_dir():
+            return None
+        pattern = re.compile(rf"\d{{8}}T\d{{6}}Z-{re.escape(self.key)}-[a-z]{{4}}")
+        named = [path for path in self.runs_dir.iterdir() if pattern.fullmatch(path.name)]
+        found = []
+        for path in sorted(named, reverse=True):
+            with suppress(InputError):  # begun and killed before there was a record, or damaged
+                record = read_record(path)
+                if read_config(path, record) == self.config:
+                    found.append((record["status"] != "completed", path))
+        return min(found, key=lambda one: one[0])[1] if found else None
+
+    def status(self) -> SeenStatus | Literal["not begun"]:
+        """How far the run is."""
+        path = self.find()
+        return "not begun" if path is None else status_of(path, read_record(path))
+
+    def completed(self) -> Path | None:
+        """The run's directory if it is complete."""
+        path = self.find()
+        return path if path and read_record(path)["status"] == "completed" else None
+
+    def as_job(self, folder: Path, cost: float = 1.0) -> Job:
+        """The process that runs it; its order and log are kept in ``folder``."""
+        order = folder / f"{self.key}.json"
+        write_json(
+            order,
+            {
+                "name": self.name,
+                "config": self.config.model_dump(mode="json"),
+                # Not absolute: a name above may be no text that JSON could hold.
+                "runs_dir": os.path.relpath(self.runs_dir.resolve(), folder.resolve()),
+                "command": list(self.command),
+            },
+        )
+        return Job(
+            name=self.key,
+            # -P: a user's own statistics.py in the current directory is not the library's.
+            command=(sys.executable, "-P", "-m", "orchid_uav.experiments.training.job", str(order)),
+            log=folder / f"{self.key}.log",
+            share=_Share(self),
+            cost=cost,
+        )
+
+    @classmethod
+    def read(cls, order: Path) -> "TrainingJob":
+        """The job of a file that :meth:`as_job` wrote.
+
+        Raises:
+            InputError: it is not such a file.
+        """
+        try:
+            document = read_document(order)
+            return cls(
+                document["name"],
+                RunConfig.model_validate(document["config"]),
+                (order.parent / document["runs_dir"]).resolve(),
+                tuple(document["command"]),
+            )
+        except (OSError, ValueError, LookupError, TypeError) as error:
+            raise InputError(f"{order} is no order of a training job: {error}") from error
+
+
+class _Share:
+    """Episodes of a run that are done, as a share, from the size of its log."""
+
+    def __init__(self, job: TrainingJob) -> None:
+        self._job = job
+        self._path: Path | None = None
+
+    def __call__(self) -> float:
+        self._path = self._path or self._job.find()
+        if self._path is None:
+            return 0.0
+        with (self._path / EPISODES_FILE).open("rb") as file:
+            rows = file.read().count(b"\n") - 1
+        return max(rows, 0) / self._job.config.training.episodes
+
+
+class _Log:
+    """What the run's log shall hold besides its figures."""
+
+    def begin(self, run: Any, config: Any, rows: Sequence[Any], reset_episodes: Any) -> None:
+        print(f"run {run.id} from episode {len(rows) + 1} on", flush=True)
+
+    def show(self, rows: Sequence[Any], reset_episodes: Any) -> None:
+        pass
+
+    def warn(self, message: str) -> None:
+        print(f"warning: {message}", flush=True)
+
+    def end(self) -> None:
+        pass
+
+
+def run_one(job: TrainingJob) -> int:
+    """Have the run complete; asked again, it goes on where it stopped, or has nothing to do.
+
+    Returns:
+        0, or 130 where it was interrupted and what is done is kept.
+
+    Raises:
+        InputError: the run cannot be begun or gone on with.
+        RunFailedError: it failed.
+    """
+    # Imported here because the process that starts jobs needs neither torch nor SB3.
+    from orchid_uav.experiments.runs.directory import RunDirectory
+    from orchid_uav.experiments.training.loop import train
+    from orchid_uav.experiments.training.trackers import open_tracker
+
+    if job.completed():
+        return 0
+    path = job.find()
+    with interruption_requests() as interruption:
+        if path is None:
+            run = RunDirectory.create(job.runs_dir, job.name, job.config, job.command)
+        else:
+            run = RunDirectory.reopen(path, job.config, job.command)
+        trackers = [open_tracker("tensorboard", run.path, job.config)]
+        outcome = train(job.config, run, _Log(), trackers, interruption)
+    return 0 if outcome.status == "completed" else INTERRUPTED_CODE
+
+
+def _stop_with_parent() -> None:
+    """The end of standard input is the parent's: stop as if it had asked for it."""
+
+    def wait() -> None:
+        while os.read(0, 1024):
+            pass
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    threading.Thread(target=wait, daemon=True).start()
+
+
+def main() -> int:
+    """Run the job of the file named on the command line."""
+    show_on_stderr()
+    if "ORCHID_JOB" in os.environ:
+        _stop_with_parent()
+    with lasting_output(), interruption_requests():
+        try:
+            return run_one(TrainingJob.read(Path(sys.argv[1])))
+        except (InputError, RunFailedError) as error:
+            print(f"error: {error}", file=sys.stderr)
+            return 1
+        except KeyboardInterrupt:
+            return INTERRUPTED_CODE
+
+
+if __name__ == "__main__":
+    code = main()
+    ignore_signals()
+    gc.freeze()  # see __main__.py
+    sys.exit(code)

@@ -1,0 +1,281 @@
+"""One training run, from its configuration to a complete run directory."""
+
+import re
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import nullcontext, suppress
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+from stable_baselines3.common.logger import Logger
+
+from orchid_uav.agents.deployed_actor import policy_files
+from orchid_uav.agents.maddpg.maddpg import MADDPG
+from orchid_uav.agents.mappo.mappo import MAPPO
+from orchid_uav.callbacks import (
+    Checkpoints,
+    EpisodeCallback,
+    EpisodeLog,
+    LearningRateDecay,
+    ProgressSchedules,
+    StoppedError,
+)
+from orchid_uav.envs.arrays import ACTION_SIZE
+from orchid_uav.envs.interfaces.sb3_vec_env import FleetVecEnv
+from orchid_uav.experiments.configuration import RunConfig
+from orchid_uav.experiments.errors import InputError, RunFailedError
+from orchid_uav.experiments.interruption import Interruption, interruption_requests
+from orchid_uav.experiments.runs.directory import Row, RunDirectory, final_figures
+from orchid_uav.experiments.runs.records import Status, former_ids
+from orchid_uav.experiments.training.builders import (
+    _is_maddpg,
+    _schedule_episodes,
+    build_model,
+    build_reset_and_finetune,
+    set_up_torch,
+)
+from orchid_uav.experiments.training.checkpoints import STATE_ERRORS, CheckpointStore
+from orchid_uav.experiments.training.state import Training
+from orchid_uav.experiments.training.trackers import SafeTracker
+
+_LONGEST_REASON = 300
+_ESCAPE_CODE = re.compile(r"\x1b\[[0-9;]*m")  # numba colours its messages
+
+
+class Reporter(Protocol):
+    """Shows a run while it goes on."""
+
+    def begin(
+        self,
+        run: RunDirectory,
+        config: RunConfig,
+        rows: Sequence[Row],
+        reset_episodes: Sequence[int],
+    ) -> None:
+        """The learning loop is about to begin, or to go on behind the rows of before."""
+
+    def show(self, rows: Sequence[Row], reset_episodes: Sequence[int]) -> None:
+        """New episodes have been learned from."""
+
+    def warn(self, message: str) -> None:
+        """Something that the user should know, and that the run survives."""
+
+    def end(self) -> None:
+        """The learning loop has ended."""
+
+
+@dataclass
+class TrainingOutcome:
+    """How a run ended."""
+
+    run: RunDirectory
+    status: Status = "running"
+    seconds: float = 0.0
+    """Of the learning loop, after imports and compilation, before the run was resumed as well."""
+    rows: list[Row] = field(default_factory=list)
+    reset_episodes: list[int] = field(default_factory=list)
+    is_restored: bool = True
+    """False until what a resumed run has achieved is known again."""
+
+    def finish(self, status: Status, error: str | None = None) -> None:
+        """Record how the run ended."""
+        self.status = status
+        if self.is_restored:
+            self.run.finish(status, self.rows, self.reset_episodes, self.seconds, error)
+        else:
+            self.run.give_up(status, error)
+
+    def summary(self) -> dict[str, Any]:
+        """The document of ``orchid train --json``."""
+        return {
+            "schema": 1,
+            "run": self.run.id,
+            "path": str(self.run.path.resolve()),
+            "status": self.status,
+            "episodes": len(self.rows),
+            "seconds": round(self.seconds, 3),
+            "reset_episodes": self.reset_episodes,
+            "final": final_figures(self.rows),
+        }
+
+
+def _compile(env: FleetVecEnv) -> None:
+    """Have the simulator compiled, or read from numba's cache, before time is taken."""
+    env.reset()
+    env.step(np.zeros((env.num_envs, ACTION_SIZE)))
+
+
+def train(
+    config: RunConfig,
+    run: RunDirectory,
+    reporter: Reporter,
+    trackers: Sequence[SafeTracker] = (),
+    interruption: Interruption | None = None,
+) -> TrainingOutcome:
+    """Train to the end, or until a signal asks to stop, and leave a complete run directory.
+
+    A run that was reopened goes on from its latest checkpoint that is not damaged, or from its
+    beginning where there is none, and becomes the run that it would have been.
+
+    Args:
+        config: what to train.
+        run: the run's directory, newly made or reopened.
+        reporter: shows the run.
+        trackers: exporters of its figures.
+        interruption: of a caller who notes signals already; by default they are noted here.
+
+    Raises:
+        RunFailedError: training could not go on; the run's status is "failed".
+        KeyboardInterrupt: an urgent ctrl-C, which does not wait for an update or a checkpoint.
+    """
+    outcome = TrainingOutcome(run, is_restored=not run.is_resumed)
+    try:
+        with (
+            interruption_requests() if interruption is None else nullcontext(interruption) as noted
+        ):
+            model = _learn(config, outcome, reporter, trackers, noted)
+            run.write_policy(_describe_policy(config, outcome, model))
+            is_complete = len(outcome.rows) == config.training.episodes
+            outcome.finish("completed" if is_complete else "interrupted")
+    except (KeyboardInterrupt, SystemExit):
+        with suppress(OSError):
+            outcome.finish("interrupted")
+        raise
+    except Exception as error:
+        reason = _in_one_line(error)
+        # A full disk may be the very failure, and then this cannot be recorded either.
+        with suppress(OSError):
+            outcome.finish("failed", reason)
+        if not outcome.is_restored:
+            raise RunFailedError(f"run {run.id} cannot go on: {reason}") from error
+        latest = CheckpointStore(run.path, run.id, config.checkpoint.keep).episodes()
+        kept = f"the checkpoint of episode {latest[0]} is kept" if latest else "no checkpoint yet"
+        raise RunFailedError(
+            f"run {run.id} failed after {len(outcome.rows)} episodes: {reason} ({kept})"
+        ) from error
+    finally:
+        run.release()  # where the end could not be recorded, it holds the lock still
+        for tracker in trackers:
+            tracker.close(outcome.status)
+    return outcome
+
+
+def _in_one_line(error: Exception) -> str:
+    is_ours = isinstance(error, InputError | RunFailedError)  # whose message is for people
+    plain = _ESCAPE_CODE.sub("", str(error) if is_ours else f"{type(error).__name__}: {error}")
+    text = " ".join(plain.split())
+    return text if len(text) <= _LONGEST_REASON else text[:_LONGEST_REASON] + " ..."
+
+
+def _learn(
+    config: RunConfig,
+    outcome: TrainingOutcome,
+    reporter: Reporter,
+    trackers: Sequence[SafeTracker],
+    interruption: Interruption,
+) -> MAPPO | MADDPG:
+    set_up_torch(config.training.threads)
+    run = outcome.run
+    env = FleetVecEnv(config.network_parameters, config.training.worlds, config.training.seed)
+    _compile(env)
+    model = build_model(config, env)  # seeds the environment anew
+    model.set_logger(Logger(folder=None, output_formats=[]))
+    reset_and_finetune = build_reset_and_finetune(config)
+    checkpoints = CheckpointStore(run.path, run.id, config.checkpoint.keep, former_ids(run.record))
+
+    def take(rows: Sequence[Row]) -> None:
+        run.append_episodes(rows)
+        outcome.rows += rows
+        if reset_and_finetune is not None:
+            outcome.reset_episodes = reset_and_finetune.reset_episodes
+        for row in rows:
+            figures = _figures(row, model.logger.name_to_value)
+            for tracker in trackers:
+                tracker.log(int(row["episode"]), figures)
+        reporter.show(rows, outcome.reset_episodes)
+
+    def save(episodes_done: int) -> None:
+        checkpoints.save(episodes_done, training.state(), run.sync_episodes())
+
+    callbacks: list[EpisodeCallback] = [
+        LearningRateDecay(_schedule_episodes(config), config.training.final_learning_rate_scale),
+        EpisodeLog(take, reset_and_finetune),
+        ProgressSchedules(
+            _schedule_episodes(config),
+            None if _is_maddpg(config) else config.ppo.entropy_coef,
+        ),
+        Checkpoints(config.checkpoint.every_episodes, save, lambda: interruption.requested),
+    ]
+    if reset_and_finetune is not None:
+        callbacks.insert(0, reset_and_finetune)
+    training = Training(model, env, callbacks)
+    if run.is_resumed:
+        outcome.rows = _go_back(training, checkpoints, run, reporter)
+        if reset_and_finetune is not None:
+            outcome.reset_episodes = reset_and_finetune.reset_episodes
+        outcome.seconds = float(run.record["seconds"] or 0.0)
+        outcome.is_restored = True
+        for tracker in trackers:
+            tracker.resume(len(outcome.rows))
+    rows_per_episode = config.network.episode_slots * env.agents_per_world
+    reporter.begin(run, config, outcome.rows, outcome.reset_episodes)
+    started = time.perf_counter() - outcome.seconds
+    try:
+        with suppress(StoppedError):
+            model.learn(
+                config.training.episodes * rows_per_episode - model.num_timesteps,
+                callback=list(callbacks),
+                log_interval=None,  # type: ignore[arg-type]  # EpisodeLog takes the figures instead
+                reset_num_timesteps=False,
+            )
+    finally:
+        outcome.seconds = time.perf_counter() - started
+        reporter.end()
+    return model
+
+
+def _go_back(
+    training: Training, checkpoints: CheckpointStore, run: RunDirectory, reporter: Reporter
+) -> list[Row]:
+    """Restore the latest checkpoint that is whole; the rows of the episodes up to it."""
+    for episode in checkpoints.episodes():
+        try:
+            state = checkpoints.read(episode, training.kinds)
+            training.restore(state)
+            # Last: from here on, the log of a later checkpoint is gone.
+            rows = run.keep_episodes(state.document["log_size"], state.document["log_sha256"])
+            if len(rows) != episode:
+                raise ValueError(f"its log has {len(rows)} episodes")
+        except (InputError, *STATE_ERRORS) as error:
+            reporter.warn(f"checkpoint {episode} cannot be used: {_in_one_line(error)}")
+            continue
+        checkpoints.forget_later_than(episode)
+        return rows
+    if checkpoints.episodes():
+        raise RunFailedError(
+            f"none of the checkpoints can be used; without {checkpoints.folder} it begins anew"
+        )
+    run.keep_episodes(0, "")
+    return []
+
+
+def _figures(row: Row, learner: Mapping[str, Any]) -> dict[str, float]:
+    episode = {f"episode/{name}": value for name, value in row.items() if name != "episode"}
+    return episode | {name: float(value) for name, value in learner.items()}
+
+
+def _describe_policy(
+    config: RunConfig, outcome: TrainingOutcome, model: MAPPO | MADDPG
+) -> dict[str, bytes]:
+    return policy_files(
+        model.policy.actor_layers(),
+        model.exploration_log_std(),
+        {
+            "run": outcome.run.id,
+            "algorithm": config.training.algorithm,
+            "objective": config.reward.objective,
+            "observation": config.uav.observation,
+            "episodes": len(outcome.rows),
+        },
+    )

@@ -1,0 +1,181 @@
+"""A tracker in a process of its own, which can delay no run and disturb none of its generators.
+
+``python -m orchid_uav.experiments.training.tracker_process NAME RUN`` is that process. It reads
+orders from its standard input, a JSON document a line, and ends with it, whatever became of the
+run.
+"""
+
+import json
+import os
+import queue
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Mapping
+from contextlib import suppress
+from typing import Any
+
+from orchid_uav.experiments.configuration import RunConfig
+from orchid_uav.experiments.errors import RunFailedError
+from orchid_uav.experiments.interruption import ignore_signals
+from orchid_uav.experiments.jobs.child_process import shortened
+
+_SECONDS_AT_THE_END = 5.0
+"""A run waits so long for what its tracker has not exported yet."""
+_SECONDS_WITHOUT_A_WORD = 60.0
+_SECONDS_FOR_LAST_WORDS = 1.0
+_ENDED = "its process has ended"
+_MOST_WAITING = 10_000
+"""Orders that are kept for a tracker; more are a sign that it will never catch up."""
+_REPORT = "\x1e"
+"""A line with it is a report for us, all others are what the tracker prints for people."""
+_IMPATIENCE = {"MLFLOW_HTTP_REQUEST_MAX_RETRIES": "1", "MLFLOW_HTTP_REQUEST_TIMEOUT": "20"}
+"""Environment of the process where the user has not chosen: by default it is seven tries of two
+minutes each."""
+
+
+class TrackerProcess:
+    """A ``Tracker`` (see ``trackers.py``) that never keeps its caller waiting.
+
+    Only :meth:`close` waits, for some seconds. What has gone wrong in the process is raised as
+    RunFailedError by whatever is called next.
+
+    Args:
+        name: of the tracker.
+        run_id: under which it shows the run.
+        config: of the run.
+    """
+
+    def __init__(self, name: str, run_id: str, config: RunConfig) -> None:
+        self._orders: queue.Queue[dict[str, Any] | None] = queue.Queue(_MOST_WAITING)
+        self._error: str | None = None
+        self._last = self._exported = 0
+        self._last_word_s = time.monotonic()
+        self._process = subprocess.Popen(
+            # -P: a user's file in the working directory is not the module of that name.
+            [sys.executable, "-P", "-m", __name__, name, run_id],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            encoding="utf-8",
+            errors="replace",
+            bufsize=1,
+            env=_IMPATIENCE | os.environ | {"PYTHONIOENCODING": "utf-8"},
+            start_new_session=True,  # a ctrl-C is for the run, which says how it ended
+        )
+        self._listener = threading.Thread(target=self._listen, daemon=True)
+        self._listener.start()
+        threading.Thread(target=self._send, daemon=True).start()
+        self._order(config=config.model_dump(mode="json"))
+
+    def resume(self, episodes: int) -> None:
+        """The run goes on behind so many episodes."""
+        self._order(resume=episodes)
+
+    def log(self, episode: int, figures: Mapping[str, float]) -> None:
+        """Have an episode's figures exported, some time."""
+        self._order(episode=episode, figures=dict(figures))
+        self._last = episode
+
+    def close(self, status: str) -> None:
+        """Wait for the rest, and end the process."""
+        self._order(status=status)
+        try:
+            self._process.wait(_SECONDS_AT_THE_END)
+        except subprocess.TimeoutExpired:
+            raise self._given_up(f"not done {_SECONDS_AT_THE_END:g} s after the run") from None
+        finally:
+            self._end()
+        if self._process.returncode:
+            raise self._given_up(self._error or _ENDED)
+
+    def _order(self, **order: Any) -> None:
+        if self._exported == self._last:
+            self._last_word_s = time.monotonic()
+        reason = self._error
+        if time.monotonic() - self._last_word_s > _SECONDS_WITHOUT_A_WORD:
+            reason = reason or f"no answer in {_SECONDS_WITHOUT_A_WORD:g} s"
+        try:
+            self._orders.put_nowait(order)
+        except queue.Full:
+            reason = reason or f"{_MOST_WAITING:,} episodes behind"
+        if reason:
+            self._end()
+            raise self._given_up(reason)
+
+    def _end(self) -> None:
+        self._process.kill()
+        self._process.wait()
+        with suppress(queue.Full):  # then nobody waits for an order
+            self._orders.put_nowait(None)
+        self._listener.join(_SECONDS_FOR_LAST_WORDS)
+
+    def _given_up(self, reason: str) -> RunFailedError:
+        done = f"exported up to episode {self._exported}, no later ones"
+        return RunFailedError(
+            f"{shortened(reason)} ({done if self._exported else 'nothing exported'})"
+        )
+
+    def _send(self) -> None:
+        assert self._process.stdin is not None
+        # Where the process has ended, the other thread hears of it.
+        with suppress(OSError), self._process.stdin as orders:
+            while (order := self._orders.get()) is not None:
+                orders.write(json.dumps(order) + "\n")
+                if "status" in order:
+                    return
+
+    def _listen(self) -> None:
+        assert self._process.stdout is not None
+        with self._process.stdout as lines:
+            for line in lines:
+                text, is_report, report = line.rstrip("\n").partition(_REPORT)
+                if text.strip():
+                    print(shortened(text), file=sys.stderr)
+                if is_report:
+                    self._last_word_s = time.monotonic()
+                    document = json.loads(report)
+                    self._exported = document.get("exported", self._exported)
+                    self._error = document.get("error", self._error)
+        self._error = self._error or _ENDED
+
+
+def _report(**document: Any) -> None:
+    print(_REPORT + json.dumps(document), flush=True)
+
+
+def _serve(name: str, run_id: str) -> None:
+    from orchid_uav.experiments.training.trackers import EXPORTERS
+
+    tracker = None
+    for line in sys.stdin:
+        order = json.loads(line)
+        if tracker is None:
+            tracker = EXPORTERS[name](run_id, RunConfig.model_validate(order["config"]))
+        elif "resume" in order:
+            tracker.resume(order["resume"])
+        elif "figures" in order:
+            tracker.log(order["episode"], order["figures"])
+            _report(exported=order["episode"])
+        else:
+            tracker.close(order["status"])
+            return
+    if tracker is not None:
+        tracker.close("died")
+
+
+def main() -> int:
+    """Export the figures of a run until there is no more of it."""
+    ignore_signals()  # batch systems tell all processes; how the run ended, it says itself
+    try:
+        _serve(*sys.argv[1:3])
+    except Exception as error:
+        _report(error=" ".join(f"{error}".split()) or type(error).__name__)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

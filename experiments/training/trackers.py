@@ -1,0 +1,204 @@
+"""Exporters of a run's figures to other programs.
+
+A tracker is told of every episode and can never stop or delay a training: an error switches it off
+with a warning, and those that may have to wait for a server or a lock have a process of their own.
+"""
+
+import importlib.util
+import os
+import platform
+import sys
+import time
+from collections.abc import Mapping
+from itertools import chain, count
+from pathlib import Path
+from typing import Any, Protocol
+
+from orchid_uav.experiments.configuration import RunConfig, flatten
+from orchid_uav.experiments.errors import InputError
+from orchid_uav.experiments.training.tracker_process import TrackerProcess
+from orchid_uav.extras import install_command
+
+Figures = Mapping[str, float]
+
+
+class Tracker(Protocol):
+    """What an exporter does."""
+
+    def resume(self, episodes: int) -> None:
+        """The run goes on behind so many episodes, which another process logged."""
+
+    def log(self, episode: int, figures: Figures) -> None:
+        """Take an episode's figures."""
+
+    def close(self, status: str) -> None:
+        """The run has ended."""
+
+
+class TensorBoardTracker:
+    """``events.out.tfevents.*`` in the run directory, one event per episode.
+
+    Written here and now, not by the thread of ``SummaryWriter``, which on a full disk dies with a
+    traceback.
+    """
+
+    def __init__(self, directory: Path) -> None:
+        from tensorboard.compat.proto.event_pb2 import Event, SessionLog
+        from tensorboard.compat.proto.summary_pb2 import Summary
+        from tensorboard.summary.writer.record_writer import RecordWriter
+
+        self._event, self._summary = Event, Summary
+        self._start = SessionLog(status=SessionLog.START)
+        name = f"events.out.tfevents.{int(time.time())}.{platform.node()}.{os.getpid()}"
+        # Where the clock was set back, another process of this number may have had the name.
+        names = chain([name], (f"{name}.{number}" for number in count(1)))
+        path = next(path for path in map(directory.joinpath, names) if not path.exists())
+        # Unbuffered: what a full disk leaves in a buffer is tried again when Python exits.
+        self._file = path.open("xb", buffering=0)
+        self._records = RecordWriter(self._file)
+        self._write(file_version="brain.Event:2")
+
+    def resume(self, episodes: int) -> None:
+        """Have TensorBoard forget what an earlier process logged of later episodes."""
+        self._write(step=episodes + 1, session_log=self._start)
+
+    def log(self, episode: int, figures: Figures) -> None:
+        """Write the figures under the episode's number."""
+        values = [
+            self._summary.Value(tag=name, simple_value=value) for name, value in figures.items()
+        ]
+        self._write(step=episode, summary=self._summary(value=values))
+
+    def close(self, status: str) -> None:
+        """Close the file."""
+        self._records.close()
+
+    def _write(self, **content: Any) -> None:
+        event = self._event(wall_time=time.time(), **content)
+        try:
+            self._records.write(event.SerializeToString())
+        except OSError:
+            self._file.close()
+            raise
+
+
+class MlflowTracker:
+    """An MLflow run, under the tracking URI in force (``MLFLOW_TRACKING_URI``)."""
+
+    def __init__(self, run_id: str, config: RunConfig) -> None:
+        import mlflow
+
+        self._mlflow = mlflow
+        mlflow.set_experiment("orchid")
+        mlflow.start_run(run_name=run_id)
+        mlflow.log_params(flatten(config))
+
+    def resume(self, episodes: int) -> None:
+        """Nothing: a resumed run is a run of its own in MLflow, with the same name."""
+
+    def log(self, episode: int, figures: Figures) -> None:
+        """One batch per episode."""
+        self._mlflow.log_metrics(dict(figures), step=episode)
+
+    def close(self, status: str) -> None:
+        """End the run with the status that MLflow has for it."""
+        names = {"completed": "FINISHED", "interrupted": "KILLED"}
+        self._mlflow.end_run(names.get(status, "FAILED"))
+
+
+class TrackioTracker:
+    """A run of the trackio project ``orchid`` on this machine."""
+
+    def __init__(self, run_id: str, config: RunConfig) -> None:
+        import trackio
+
+        self._trackio = trackio
+        trackio.init(project="orchid", name=run_id, config=flatten(config))
+
+    def resume(self, episodes: int) -> None:
+        """Nothing: a resumed run is a run of its own in trackio."""
+
+    def log(self, episode: int, figures: Figures) -> None:
+        """One record per episode."""
+        self._trackio.log(dict(figures), step=episode)
+
+    def close(self, status: str) -> None:
+        """End the run."""
+        self._trackio.finish()
+
+
+EXPORTERS: dict[str, Any] = {"mlflow": MlflowTracker, "trackio": TrackioTracker}
+"""Makers of the trackers that need a package of others, given a run's id and configuration."""
+TRACKERS = ("tensorboard", *EXPORTERS)
+"""Names for ``--track``; TensorBoard's files are always written."""
+
+
+def check_tracker(name: str) -> None:
+    """Whether a tracker can be opened, before anything is made for it.
+
+    Raises:
+        InputError: unknown, or its package cannot be imported.
+    """
+    if name not in TRACKERS:
+        raise InputError(f"unknown tracker '{name}': known are {', '.join(TRACKERS)}")
+    if not _is_installed(name):
+        raise InputError(
+            f"--track {name} needs a package that is not installed; "
+            f"to install it: {install_command(name)}"
+        )
+
+
+def _is_installed(package: str) -> bool:
+    """Without importing it: what trackers import stays in a process of its own."""
+    try:
+        return importlib.util.find_spec(package) is not None
+    except ValueError:  # somebody has put None in its place
+        return False
+
+
+def open_tracker(name: str, directory: Path, config: RunConfig) -> "SafeTracker":
+    """The tracker of that name, which passed :func:`check_tracker`; switched off if it fails."""
+    try:
+        tracker: Tracker = (
+            TensorBoardTracker(directory)
+            if name == "tensorboard"
+            else TrackerProcess(name, directory.name, config)
+        )
+    except Exception as error:
+        _warn(f"{name} is off for this run: {error}")
+        return SafeTracker(name, None)
+    return SafeTracker(name, tracker)
+
+
+def _warn(message: str) -> None:
+    # Not warnings.warn, which a filter can turn into an exception.
+    print(f"warning: {message}", file=sys.stderr)
+
+
+class SafeTracker:
+    """Passes everything on to a tracker until that raises, then warns once and goes quiet."""
+
+    def __init__(self, name: str, tracker: Tracker | None) -> None:
+        self._name = name
+        self._tracker = tracker
+
+    def resume(self, episodes: int) -> None:
+        """The run goes on behind so many episodes."""
+        self._try(lambda tracker: tracker.resume(episodes))
+
+    def log(self, episode: int, figures: Figures) -> None:
+        """Take an episode's figures."""
+        self._try(lambda tracker: tracker.log(episode, figures))
+
+    def close(self, status: str) -> None:
+        """The run has ended."""
+        self._try(lambda tracker: tracker.close(status))
+
+    def _try(self, action: Any) -> None:
+        if self._tracker is None:
+            return
+        try:
+            action(self._tracker)
+        except Exception as error:
+            self._tracker = None
+            _warn(f"{self._name} is off for the rest of the run: {error}")

@@ -1,0 +1,115 @@
+"""Tables of an evaluation: mean ± standard deviation, the best marked with a star."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from rich.console import Console
+
+from orchid_uav.cli.console import UNBREAKABLE, print_line, print_table
+from orchid_uav.experiments.metrics import METRICS, label_of
+from orchid_uav.experiments.runs.records import short_ids
+
+Result = Mapping[str, Any]
+
+_DIMENSIONS = {
+    "distribution": "{}",
+    "uavs": "{} UAVs",
+    "users": "{} users",
+    "speed_mps": "{:g} m/s",
+    "heading_hold_s": "held {:g} s",
+}
+
+
+def print_tables(out: Console, results: Sequence[Result], metrics: Sequence[str]) -> None:
+    """Methods by metrics where there is one setting, else methods by settings for each metric."""
+    if out.is_terminal:  # elsewhere a program may look for the ids
+        results = _with_short_names(results)
+    settings = list(dict.fromkeys(_setting(result) for result in results))
+    methods = list(dict.fromkeys(label_of(result) for result in results))
+    cells = {(_setting(result), label_of(result)): result for result in results}
+    names = _setting_names(settings)
+    metrics = [
+        metric
+        for metric in metrics
+        if any(result[metric]["mean"] is not None for result in results)
+    ]
+    if len(settings) == 1:
+        columns = {
+            METRICS[metric].heading: _column(
+                [cells.get((settings[0], method)) for method in methods], metric
+            )
+            for metric in metrics
+        }
+        _print(out, "method", methods, columns)
+        return
+    for metric in metrics:
+        columns = {
+            names[setting]: _column([cells.get((setting, method)) for method in methods], metric)
+            for setting in settings
+        }
+        print_line(out, "")
+        _print(out, METRICS[metric].heading, methods, columns)
+
+
+def _with_short_names(results: Sequence[Result]) -> list[Result]:
+    """Runs are methods by their ids: by the shortest part that tells them apart."""
+    named = [run for result in results if (run := result["run"] or "") and run in result["method"]]
+    short = short_ids(list(dict.fromkeys(named)))
+    return [
+        {**result, "method": result["method"].replace(run, short[run], 1)}
+        if (run := result["run"]) in short  # released policies are called by their keys
+        else result
+        for result in results
+    ]
+
+
+def _print(
+    out: Console, corner: str, methods: Sequence[str], columns: Mapping[str, Sequence[str]]
+) -> None:
+    rows = [[method, *cells] for method, *cells in zip(methods, *columns.values(), strict=True)]
+    print_table(out, [corner, *columns], rows)
+
+
+def _column(results: Sequence[Result | None], metric: str) -> list[str]:
+    """Texts of one metric in one setting; what is best at the shown digits is marked."""
+    described = METRICS[metric]
+    means = [None if result is None else result[metric]["mean"] for result in results]
+    shown = [None if mean is None else float(described.text(mean)) for mean in means]
+    known = [
+        value
+        for result, value in zip(results, shown, strict=True)
+        if result is not None and value is not None and result["comparable"]
+    ]
+    best = None
+    if described.better is not None and len(set(known)) > 1:
+        best = max(known) if described.better == "higher" else min(known)
+    texts = []
+    for result, mean, value in zip(results, means, shown, strict=True):
+        if result is None or mean is None:
+            texts.append("-")
+            continue
+        std = result[metric]["std"]
+        spread = "" if std is None else f" ± {described.text(std)}"
+        star = " *" if value == best and result["comparable"] else ""
+        texts.append(f"{described.text(mean)}{spread}{star}")
+    return texts
+
+
+def _setting(result: Result) -> tuple[Any, ...]:
+    return tuple(result[name] for name in _DIMENSIONS)
+
+
+def _setting_names(settings: Sequence[tuple[Any, ...]]) -> dict[tuple[Any, ...], str]:
+    """What tells the settings apart, and the number of UAVs where nothing does."""
+    varying = [
+        index
+        for index in range(len(_DIMENSIONS))
+        if len({setting[index] for setting in settings}) > 1
+    ] or [1]
+    forms = list(_DIMENSIONS.values())
+    return {
+        setting: ", ".join(
+            forms[index].format(setting[index]).replace(" ", UNBREAKABLE) for index in varying
+        )
+        for setting in settings
+    }

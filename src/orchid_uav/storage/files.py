@@ -1,0 +1,222 @@
+"""Files that may be damaged or hostile: nothing is unpickled, nothing large read unasked.
+
+JSON documents carry their own checksum, a *seal*; files of tensors are safetensors whose names,
+shapes and types are known beforehand. What is wrong with a file is a ValueError, never a traceback
+from deep inside a parser, and never numbers that differ from those written.
+"""
+
+import errno
+import hashlib
+import json
+import math
+import os
+import stat
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import IO, Any
+
+from orchid_uav.notices import warn_once
+
+SEAL = "seal"
+"""Key of a JSON document's own checksum."""
+LARGEST_DOCUMENT = 4 * 2**20
+"""Bytes of a JSON document at most."""
+_DEEPEST_DOCUMENT = 32
+"""Levels of lists and objects; what is written as it was read must not exhaust the stack."""
+_CHUNK = 2**20
+
+
+def sealed(document: Mapping[str, Any]) -> dict[str, Any]:
+    """The document with its checksum.
+
+    Raises:
+        ValueError: it holds a number that is not finite.
+    """
+    content = {key: value for key, value in document.items() if key != SEAL}
+    return content | {SEAL: _checksum(content)}
+
+
+def _checksum(content: Mapping[str, Any]) -> str:
+    text = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def read_document(
+    path: Path, largest: int = LARGEST_DOCUMENT, checksum: str | None = None
+) -> dict[str, Any]:
+    """A JSON object that may come from anywhere.
+
+    Args:
+        path: the file.
+        largest: bytes that it may have.
+        checksum: its SHA-256, if it is known.
+
+    Raises:
+        OSError: it cannot be read.
+        ValueError: it is no regular file, too large, not what it was, or no JSON object of finite
+            numbers.
+    """
+    content = read_bytes(path, largest)
+    if checksum is not None and hashlib.sha256(content).hexdigest() != checksum:
+        raise ValueError(f"{path} is not what was written: its checksum (sha256) does not fit")
+    try:
+        text = content.decode("utf-8")
+        document = json.loads(text, parse_constant=_refuse)
+        if isinstance(document, dict):
+            _check_content(document, text)
+            return document
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"{path} is not valid JSON: {error}") from error
+    raise ValueError(f"{path} is not a JSON object")
+
+
+def read_sealed(path: Path, largest: int = LARGEST_DOCUMENT) -> dict[str, Any]:
+    """A JSON object whose seal is unbroken.
+
+    Raises:
+        OSError: it cannot be read.
+        ValueError: as :func:`read_document`, or it is not what was written.
+    """
+    document = read_document(path, largest)
+    try:
+        unbroken = document.get(SEAL) == sealed(document)[SEAL]
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"{path} cannot be checked: {error}") from error
+    if not unbroken:
+        raise ValueError(f"{path} is not what was written: its seal does not fit")
+    return document
+
+
+def _refuse(constant: str) -> None:
+    raise ValueError(f"it holds {constant}")
+
+
+def _check_content(document: Any, text: str) -> None:
+    """Raise ValueError if a document could not be written again as it was read."""
+    if "\\u" in text:
+        json.dumps(document, ensure_ascii=False).encode()  # half of a surrogate pair is no text
+    level = [document]
+    for _ in range(_DEEPEST_DOCUMENT):
+        inner = []
+        for one in level:
+            for value in one.values() if isinstance(one, dict) else one:
+                if isinstance(value, dict | list):
+                    inner.append(value)
+                elif isinstance(value, float) and not math.isfinite(value):
+                    raise ValueError("it holds a number that is too large")
+        level = inner
+        if not level:
+            return
+    raise ValueError(f"it is nested deeper than {_DEEPEST_DOCUMENT} levels")
+
+
+def _check_size(path: Path, largest: int) -> int:
+    """The size of a regular file that may be read."""
+    status = path.stat()
+    if not stat.S_ISREG(status.st_mode):  # opening a pipe would wait for ever
+        raise ValueError(f"{path} is not a regular file")
+    if status.st_size > largest:
+        raise ValueError(
+            f"{path} has {status.st_size:,} bytes, more than the {largest:,} it may have"
+        )
+    return status.st_size
+
+
+def read_bytes(path: Path, largest: int) -> bytes:
+    """A regular file of at most so many bytes.
+
+    Raises:
+        OSError: it cannot be read.
+        ValueError: it is no regular file, or too large.
+    """
+    size = _check_size(path, largest)
+    with path.open("rb") as file:
+        return file.read(size)  # Python takes memory for all that is asked for
+
+
+def checksum_of_file(path: Path, largest: int) -> str:
+    """SHA-256 of a regular file of at most so many bytes.
+
+    Raises:
+        OSError: it cannot be read.
+        ValueError: it is no regular file, or too large.
+    """
+    _check_size(path, largest)
+    digest = hashlib.sha256()
+    with path.open("rb") as file:
+        while chunk := file.read(_CHUNK):
+            digest.update(chunk)
+    return digest.hexdigest()
+
+
+_NOT_OFFERED = {errno.EINVAL, errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOTSUP}
+"""How a file system says that it does not do this at all."""
+_NOT_OF_DIRECTORIES = _NOT_OFFERED | {errno.EBADF, errno.EACCES, errno.EPERM}
+
+
+def write_atomically(path: Path, content: bytes) -> None:
+    """Replace ``path`` in one step: temporary file beside it, fsync, rename."""
+    descriptor, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+    try:
+        with os.fdopen(descriptor, "wb") as file:
+            file.write(content)
+            sync_file(file, path.parent)
+        share(Path(temporary))
+        Path(temporary).replace(path)
+        sync_directory(path.parent)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+
+
+def share(path: Path) -> None:
+    """Let everybody read a file of ``mkstemp``, whose 0600 would hide it from colleagues."""
+    try:
+        path.chmod(0o644)
+    except OSError as error:  # shared folders of other systems have no such permissions
+        warn_once("permissions", f"permissions cannot be set in {path.parent}: {error.strerror}")
+
+
+def sync_file(file: IO[Any], directory: Path) -> None:
+    """Have a file of a directory, open for writing, on the disk, if its file system does that."""
+    file.flush()
+    try:
+        os.fsync(file.fileno())
+    except OSError as error:
+        _pass_over(error, _NOT_OFFERED, directory)
+
+
+def sync_directory(directory: Path) -> None:
+    """Have names that were made or changed in a directory on the disk, where systems allow it."""
+    if os.name != "posix":
+        return
+    try:
+        descriptor = os.open(directory, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+    except OSError as error:
+        _pass_over(error, _NOT_OF_DIRECTORIES, directory)
+
+
+def _pass_over(error: OSError, refusals: set[int], directory: Path) -> None:
+    if error.errno not in refusals:
+        raise error
+    warn_once(
+        "sync",
+        f"the file system of {directory} does not say when files are on the disk "
+        f"({error.strerror}): after a power failure the latest ones may be missing",
+    )
+
+
+def json_bytes(document: Any) -> bytes:
+    """A JSON document as it is written."""
+    text = json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False)
+    return (text + "\n").encode()
+
+
+def write_json(path: Path, document: Any) -> None:
+    """Write a JSON document atomically."""
+    write_atomically(path, json_bytes(document))

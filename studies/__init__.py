@@ -1,0 +1,1 @@
+"""What the documentation reports: evaluations, ablations, tuning, and their pages."""

@@ -1,0 +1,307 @@
+"""Blocks of the documentation about evaluations, from the committed summaries."""
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from orchid_uav.experiments.configuration import flatten
+from orchid_uav.experiments.evaluation.methods import COMMANDS, RELEASED
+from orchid_uav.experiments.metrics import HEADLINE, HEADROOM, METRICS
+from orchid_uav.experiments.runs.directory import read_episodes
+from orchid_uav.experiments.runs.records import read_config, read_record
+from orchid_uav.storage.files import write_json
+from studies.evaluations import PLANNER_BUDGETS
+from studies.pages.markdown import (
+    FIGURES,
+    ROOT,
+    Result,
+    cell,
+    metrics_table,
+    recorded,
+    source,
+    table,
+)
+from studies.recording import RESULTS, read
+
+REFERENCE = ROOT / "runs" / "reference"
+UAV_FIGURES = ("energy_efficiency_bit_per_joule", "rate_jfi", "load_jfi", "worst_rate_bps")
+README_METHODS = (
+    *("orchid", "orchid-zero", "orchid-no-rf", "maddpg-mmf", "maddpg-mmf-zero", "static-mmf"),
+    *("loiter-mmf", "balanced-loiter", "planner"),
+)
+README_METRICS = (
+    *("energy_efficiency_bit_per_joule", "rate_jfi", "load_jfi", "worst_rate_bps"),
+    *("utility", HEADROOM),
+)
+CURVES = ("reward", "energy_efficiency_bit_per_joule", "rate_jfi", "load_jfi")
+CURVE_WINDOW = 50
+FIGURE_SOURCES = FIGURES / "sources.json"
+
+
+def coverage_sentence(results: Sequence[Result]) -> str:
+    """Who is covered, since the coverage of the target users alone says 1.000 nearly everywhere."""
+    if "total_coverage" not in results[0]:
+        return ""
+    found = {
+        metric: [METRICS[metric].text(result[metric]["mean"]) for result in results]
+        for metric in ("coverage", "total_coverage", "gbs_coverage")
+    }
+    own, total, gbs = (
+        least if least == greatest else f"{least} to {greatest}"
+        for least, greatest in ((min(texts), max(texts)) for texts in found.values())
+    )
+    return (
+        f"The drones cover {own} of their own users (*target users*), and {total} of all users are "
+        f"covered: of those left to it, the ground station reaches {gbs}.\n"
+    )
+
+
+def commands_block() -> str:
+    """How every released policy was trained."""
+    rows = []
+    for key, arguments in COMMANDS.items():
+        record = json.loads((REFERENCE / key / "run.json").read_text(encoding="utf-8"))
+        resets = ", ".join(map(str, record["reset_episodes"])) or "–"
+        command = " ".join(["orchid train", *arguments])
+        rows.append([f"`{key}`", RELEASED[key], f"`{command}`", f"{record['seconds']:.0f}", resets])
+    header = ["key", "what", "trained by", "seconds", "resets at episode"]
+    return (
+        table(header, rows, words=3)
+        + "\n\n![Training curves](figures/reference_training.png)\n\n"
+        + "Means over the last 50 episodes, with the noise of training in the actions and weights "
+        "of the reward that\nchange with progress. Seconds as recorded, two runs side by side on "
+        "two busy cores."
+    )
+
+
+def tuning_block() -> str:
+    """Both searches."""
+    log = read("tuning")
+    settings = log["settings"]
+    zero = log["zero_action"]
+    lines = [
+        f"{settings['trials']} trials each of {settings['episodes']} episodes on seed "
+        f"{settings['seed']}; the score is the mean utility at τ = 1 of the deterministic policy "
+        f"on\n{settings['topologies']} topologies. Doing nothing there scores "
+        f"{zero['utility']:.3f}. {recorded(log)}, `{log['command']}`.",
+    ]
+    for algorithm, trials in log["trials"].items():
+        names = list(settings["spaces"][algorithm])
+        header = [name.partition(".")[2] for name in names]
+        best = max(trial["utility"] for trial in trials)
+        rows = []
+        for trial in trials:
+            values = trial["values"]
+            texts = [f"{values[name]:g}" if name in values else "default" for name in names]
+            score = f"{trial['utility']:.3f}"
+            score = f"**{score}**" if trial["utility"] == best else score
+            efficiency = trial["energy_efficiency_bit_per_joule"] / 1e6
+            figures = [f"{efficiency:.3f}", f"{trial['rate_jfi']:.3f}", f"{trial['load_jfi']:.3f}"]
+            rows.append([algorithm.upper(), *texts, score, *figures])
+        columns = ["", *header, "utility", "EE, Mbit/J", "rate JFI", "load JFI"]
+        lines += ["", table(columns, rows)]
+    return "\n".join(lines)
+
+
+def planner_block() -> str:
+    """Utility against budget."""
+    rows = []
+    for budget in PLANNER_BUDGETS:
+        document = read(f"planner_{budget}")
+        found = {result["method"]: result for result in document["results"]}
+        metrics = ("utility", "energy_efficiency_bit_per_joule", "rate_jfi", "load_jfi")
+        shown = [cell(found["planner"], metric) for metric in metrics]
+        rows.append([f"{budget:,}", *shown, cell(found["planner"], "worst_rate_bps")])
+    header = ["plans judged", "utility", "EE, Mbit/J", "rate JFI", "load JFI", "worst, Mbit/s"]
+    wins = read("methods")["planner_wins"]
+    own = [key for key in wins if not key.endswith("-retargeted")]
+    least = min(own, key=lambda key: wins[key])
+    count = "all" if wins[least] == 1.0 else f"at least {wins[least]:.0%} of the"
+    return (
+        f"{table(header, rows)}\n\n100 topologies, 6 UAVs. {source('planner_N', document)}\n"
+        f"With the default budget it has the higher utility on {count} topologies against every "
+        "other method with the same task."
+    )
+
+
+def methods_block() -> str:
+    """The table of all methods, and the metrics that have no room in it."""
+    document = read("methods")
+    others = [metric for metric in METRICS if metric not in (*HEADLINE, "backhaul_violations")]
+    return "\n\n".join(
+        [
+            "6 UAVs, 100 users that stay, 100 topologies; mean ± standard deviation.",
+            metrics_table(document["results"], HEADLINE),
+            "The other metrics, means (no backhaul is ever weak at Table I):",
+            metrics_table(document["results"], others, spread=False),
+            source("methods", document),
+        ]
+    )
+
+
+def uav_tables(document: Mapping[str, Any], metrics: Sequence[str]) -> list[str]:
+    """Methods by numbers of UAVs, one table for each metric."""
+    counts = document["settings"]["uavs"]
+    methods = [entry["method"] for entry in document["settings"]["methods"]]
+    found = {(result["method"], result["uavs"]): result for result in document["results"]}
+    return [
+        table(
+            [METRICS[metric].heading, *(f"{count} UAVs" for count in counts)],
+            [
+                [f"`{method}`", *(cell(found[method, count], metric) for count in counts)]
+                for method in methods
+            ],
+        )
+        for metric in metrics
+    ]
+
+
+def uav_block() -> str:
+    """The UAV study."""
+    document = read("uavs")
+    parts = ["100 topologies for each number of UAVs, 100 users; policies trained with 6."]
+    tables = uav_tables(document, UAV_FIGURES)
+    for metric, values in zip(UAV_FIGURES, tables, strict=True):
+        picture = f"![{METRICS[metric].title} over the number of UAVs](figures/uavs_{metric}.png)"
+        parts += [picture, values]
+    return "\n\n".join([*parts, source("uavs", document)])
+
+
+def shared_bandwidth_block() -> str:
+    """The UAV study with a total bandwidth."""
+    document = read("uavs_60mhz")
+    tables = uav_tables(document, ("energy_efficiency_bit_per_joule", "worst_rate_bps"))
+    return "\n\n".join([*tables, source("uavs_60mhz", document)])
+
+
+def restarts_block() -> str:
+    """Phase I as the best of ten K-Means runs by the sum of squares."""
+    document = read("n_init_10")
+    parts = ["Phase I as the best of ten runs by the sum of squares (decision M27), 6 UAVs:"]
+    values = metrics_table(document["results"], HEADLINE[:-1])
+    return "\n\n".join([*parts, values, source("n_init_10", document)])
+
+
+def mobility_block() -> str:
+    """Users that walk."""
+    document = read("mobility")
+    methods = [entry["method"] for entry in document["settings"]["methods"]]
+    speeds = document["settings"]["speeds_mps"]
+    parts = ["Users that walk, 6 UAVs: what rules that stay lose, and a rule that follows."]
+    for hold in document["settings"]["heading_hold_s"]:
+        found = {
+            (result["method"], result["speed_mps"]): result
+            for result in document["results"]
+            if result["heading_hold_s"] == hold
+        }
+        for metric in ("utility", "rate_jfi"):
+            rows = [
+                [f"`{method}`", *(cell(found[method, speed], metric) for speed in speeds)]
+                for method in methods
+            ]
+            header = f"{METRICS[metric].heading}, headings held {hold:g} s"
+            parts.append(table([header, *(f"{speed:g} m/s" for speed in speeds)], rows))
+    return "\n\n".join([*parts, source("mobility", document)])
+
+
+def run_index_block() -> str:
+    """What a listing takes."""
+    document = read("run_index")
+    rows = [[name, f"{case['median']:.2f}"] for name, case in document["seconds"].items()]
+    settings = document["settings"]
+    return (
+        table([f"{settings['runs']:,} runs", "seconds"], rows)
+        + f"\n\nMedians of {settings['repetitions']} turns. {recorded(document)}, "
+        f"`{document['command']}`."
+    )
+
+
+def readme_block() -> str:
+    """The UAV study's figure and one table."""
+    document = read("methods")
+    found = {result["method"]: result for result in document["results"] if result["deterministic"]}
+    results = [found[method] for method in README_METHODS]
+    return "\n\n".join(
+        [
+            "![Energy efficiency over the number of UAVs]"
+            "(docs/figures/uavs_energy_efficiency_bit_per_joule.png)\n"
+            "![Rate fairness over the number of UAVs](docs/figures/uavs_rate_jfi.png)",
+            "6 UAVs, 100 users, 100 unseen topologies; mean ± standard deviation over topologies:",
+            metrics_table(results, README_METRICS),
+            f"{coverage_sentence(results)}"
+            "Share of the headroom: 0 is `loiter-mmf`, 100 the planner, and below 0 is worse than "
+            "circling.\nOne training seed each, deterministic policies; all methods and metrics, "
+            "and how they were measured: [evaluation](docs/evaluation.md).\n"
+            + source("methods", document),
+        ]
+    )
+
+
+def draw_studies() -> list[Path]:
+    """The figures of the UAV study and the training curves."""
+    from orchid_uav.experiments.figures.evaluation_figures import draw_figures
+
+    drawn = draw_figures(read("uavs")["results"], FIGURES / "new", UAV_FIGURES)
+    paths = []
+    for path in drawn:
+        if path.suffix == ".png":
+            paths.append(FIGURES / f"uavs_{path.name}")
+            path.replace(paths[-1])
+        else:
+            path.unlink()
+    (FIGURES / "new").rmdir()
+    paths.append(FIGURES / "reference_training.png")
+    draw_training(paths[-1])
+    return paths
+
+
+def record_sources() -> Path:
+    """Keep what every figure was drawn from."""
+    write_json(FIGURE_SOURCES, figure_digests())
+    return FIGURE_SOURCES
+
+
+def figure_digests() -> dict[str, dict[str, str]]:
+    """Digests of every committed figure and of what it has to be drawn from, by its name."""
+    return {path.name: _digests(path) for path in sorted(FIGURES.glob("*.png"))}
+
+
+def _digests(figure: Path) -> dict[str, str]:
+    """PNG files differ between versions of libraries: to draw and compare them would not do."""
+    own = RESULTS / f"{figure.stem}.json"
+    sources = [own if own.is_file() else RESULTS / "uavs.json"]
+    if figure.name.startswith("reference"):
+        sources = [REFERENCE / key / "episodes.csv" for key in COMMANDS]
+    drawn_from = hashlib.sha256(b"".join(path.read_bytes() for path in sources))
+    return {
+        "figure": hashlib.sha256(figure.read_bytes()).hexdigest(),
+        "sources": drawn_from.hexdigest(),
+    }
+
+
+def draw_training(path: Path) -> None:
+    """Training curves of the released policies."""
+    from orchid_uav.experiments.figures.learning_curves import draw_learning_curves
+    from orchid_uav.experiments.figures.style import setting_of
+
+    runs = {key: REFERENCE / key for key in COMMANDS}
+    groups = {key: [read_episodes(run / "episodes.csv")] for key, run in runs.items()}
+    title = setting_of(flatten(read_config(run, read_record(run))) for run in runs.values())
+    draw_learning_curves(groups, path, CURVES, CURVE_WINDOW, title=title)
+
+
+BLOCKS = {
+    "commands": (ROOT / "docs" / "methods.md", commands_block),
+    "tuning": (ROOT / "docs" / "methods.md", tuning_block),
+    "planner budget": (ROOT / "docs" / "methods.md", planner_block),
+    "methods table": (ROOT / "docs" / "evaluation.md", methods_block),
+    "uav study": (ROOT / "docs" / "evaluation.md", uav_block),
+    "uav study at 60 MHz": (ROOT / "docs" / "evaluation.md", shared_bandwidth_block),
+    "restarts study": (ROOT / "docs" / "evaluation.md", restarts_block),
+    "mobility study": (ROOT / "docs" / "evaluation.md", mobility_block),
+    "run index": (ROOT / "docs" / "runs.md", run_index_block),
+    "evaluation": (ROOT / "README.md", readme_block),
+}
+"""Page and content of every block, by the name in its markers."""

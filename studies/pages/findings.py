@@ -1,0 +1,146 @@
+"""What the results say in five points, and the examples, as blocks of pages."""
+
+import textwrap
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from orchid_uav.experiments.ablation.design import BASE
+from orchid_uav.experiments.evaluation.methods import RELEASED
+from orchid_uav.experiments.metrics import HEADROOM
+from studies.pages.ablation import CONTROLS, NAME, above_doing_nothing, must_hold
+from studies.pages.markdown import ROOT
+from studies.recording import read
+
+WIDTH = 104
+_LANGUAGES = {".toml": "toml", ".py": "python"}
+
+
+def findings_block() -> str:
+    """The numbers are the documents', the words were written to them, and fail where they lie."""
+    flown = {
+        (result["method"], result["deterministic"]): result for result in read("methods")["results"]
+    }
+    points = (
+        _learning(flown),
+        _noise(flown),
+        _rules(flown),
+        _reset(),
+        "**A faulty learner is hardly the cause.** On a public task (`simple_spread` of the "
+        "collection MPE2) this project's MAPPO collects as much reward as that of BenchMARL, a "
+        "public library, within a margin that was set before. No lower reward is shown for its "
+        "MADDPG. Given the same data, both compute the same numbers as BenchMARL's. "
+        "[Beside public implementations](docs/validation.md)",
+    )
+    lines = [
+        textwrap.fill(f"{number}. {point}", WIDTH, subsequent_indent="   ", break_on_hyphens=False)
+        for number, point in enumerate(points, 1)
+    ]
+    return "\n".join(lines)
+
+
+def _learning(flown: Mapping[tuple[str, bool], Mapping[str, Any]]) -> str:
+    own, twin = (flown[name, True]["utility"]["mean"] for name in ("orchid", "orchid-zero"))
+    gains = [
+        flown[key, True]["utility"]["mean"] - flown[f"{key}-zero", True]["utility"]["mean"]
+        for key in RELEASED
+    ]
+    must_hold(max(gains) < 0.0, "no released policy is better than its twin")
+    base = read(NAME)
+    seeds = len(base["settings"]["seeds"])
+    better = [f"{gain:.3f}" for gain in above_doing_nothing(base, BASE)]
+    resets = [f"{gain:.3f}" for gain in above_doing_nothing(read(CONTROLS), "reset-only")]
+    must_hold((len(better), len(resets)) == (1, 2), "one seed and two of the control are better")
+    return (
+        "**The trained policies are no better than doing nothing.** *Utility*, the paper's "
+        "objective, is a weighted sum of coverage (the share of the drones' people who are "
+        "served), energy efficiency and two indices of fairness. The policy of the paper's method, "
+        f"`orchid`, reaches {own:.3f}; its *zero-action twin*, which starts at the same places and "
+        f"stays there, {twin:.3f}. None of the {_word(len(gains))} released policies is above its "
+        "twin when it flies without the random noise that training adds to what it does. "
+        f"Of {_word(seeds)} trainings of `orchid` with different random numbers (*seeds*), one "
+        f"policy is above its twin, by {better[0]}. Of {_word(seeds)} trainings that only reset "
+        f"the optimizer and keep its learning rates, two are, by {' and '.join(resets)}. "
+        "[Evaluation](docs/evaluation.md#all-methods), [ablation](docs/ablation.md#controls)"
+    )
+
+
+def _noise(flown: Mapping[tuple[str, bool], Mapping[str, Any]]) -> str:
+    name = "energy_efficiency_bit_per_joule"
+    sampled, alone, still = (
+        flown[key][name]["mean"] / 1e6
+        for key in (("orchid", False), ("orchid-zero", False), ("orchid-zero", True))
+    )
+    paid = flown["orchid", False][f"thrust_{name}"]["mean"] / 1e6
+    must_hold(sampled < alone and paid < still, "the gain is the noise's, and thrust takes it")
+    return (
+        "**The energy efficiency seen in training comes from its noise.** With that noise "
+        f"`orchid` reaches {sampled:.2f} megabits per joule, and the noise alone, "
+        f"without any policy, {alone:.2f}; hovering gives {still:.2f}. Noise keeps drones moving, "
+        "a rotor needs half the power at 12 to 15 m/s that it needs to hover, and the paper's "
+        "formula charges nothing for changes of speed. Once the power for these changes is "
+        f"counted, {paid:.2f} is left. "
+        "[Metrics](docs/evaluation.md#metrics)"
+    )
+
+
+def _rules(flown: Mapping[tuple[str, bool], Mapping[str, Any]]) -> str:
+    names = ("static-mmf", "loiter-mmf", "balanced-loiter", "planner")
+    static, loiter, balanced, planner = (flown[name, True]["utility"]["mean"] for name in names)
+    share = flown["balanced-loiter", True][HEADROOM]["mean"]
+    mobility = read("mobility")["results"]
+    speeds = {result["speed_mps"] for result in mobility}
+    leads = [
+        _mobile(mobility, "balanced-loiter", speed) - _mobile(mobility, "orchid", speed)
+        for speed in (min(speeds), max(speeds))
+    ]
+    must_hold(leads[0] > leads[1] > 0.0, "the lead is smaller where people walk")
+    return (
+        "**Simple rules do better.** Circling the start instead of hovering there lifts the "
+        f"utility from {static:.3f} to {loiter:.3f}. Circling the best of 31 ways to group the "
+        f"people reaches {balanced:.3f}. That is {share:.0%} of the *headroom*, the distance from "
+        f"circling the start to a planner that knows every radio link ({planner:.3f}). Where "
+        "people walk, this rule's lead over `orchid` is smaller. [Methods](docs/methods.md#rules), "
+        "[moving users](docs/evaluation.md#moving-users)"
+    )
+
+
+def _mobile(results: Sequence[Mapping[str, Any]], method: str, speed_mps: float) -> float:
+    """Utility where users walk at up to that speed, with the headings that are held longest."""
+    found = [one for one in results if (one["method"], one["speed_mps"]) == (method, speed_mps)]
+    longest = max(found, key=lambda result: result["heading_hold_s"])
+    return float(longest["utility"]["mean"])
+
+
+def _reset() -> str:
+    document = read(NAME)
+    losses = [
+        -document["comparisons"]["training"]["no-rf"][figure]["relative"]
+        for figure in ("reward", "rate_jfi", "load_jfi")
+    ]
+    return (
+        "**Reset-and-Finetune helps a little in training, and no effect is shown on unseen "
+        f"topologies.** Over {_word(len(document['settings']['seeds']))} seeds, training without "
+        f"it ends with {min(losses):.1%} to {max(losses):.1%} less reward and fairness. The "
+        "controls point to the lower learning rates, not to the reset. "
+        "[Ablation](docs/ablation.md)"
+    )
+
+
+def _word(count: int) -> str:
+    return {6: "six", 10: "ten"}.get(count, str(count))
+
+
+def example_block(name: str) -> str:
+    """A file of ``examples/`` as it is."""
+    path = ROOT / "examples" / name
+    return f"```{_LANGUAGES[path.suffix]}\n{path.read_text(encoding='utf-8').rstrip()}\n```"
+
+
+FINDING_BLOCKS = {
+    "findings": (ROOT / "README.md", findings_block),
+    "lab.toml": (ROOT / "docs" / "quickstart.md", lambda: example_block("lab.toml")),
+    "read_evaluation.py": (
+        ROOT / "docs" / "quickstart.md",
+        lambda: example_block("read_evaluation.py"),
+    ),
+}

@@ -1,0 +1,99 @@
+"""Everything in the documentation that is not prose: ``python -m studies.pages.generate``.
+
+Numbers come from the committed JSON files under ``studies/results`` and
+``runs/reference``, and from the configuration's own classes. ``tests/test_docs.py`` fails when a
+page is not what this script makes of them.
+"""
+
+from pathlib import Path
+from typing import Any
+
+from orchid_uav.envs.keys import unit_of, values_of
+from orchid_uav.experiments.configuration import RunConfig
+from studies.pages.ablation import ABLATION_BLOCKS, draw_ablations
+from studies.pages.deployment import draw_deployment
+from studies.pages.evaluation import BLOCKS, draw_studies, record_sources
+from studies.pages.findings import FINDING_BLOCKS
+from studies.pages.validation import VALIDATION_BLOCKS, draw_validation
+
+ROOT = Path(__file__).parents[2]
+BEGIN, END = "<!-- begin generated: {} -->", "<!-- end generated: {} -->"
+
+
+def configuration_page() -> str:
+    """docs/configuration.md."""
+    lines = [
+        "# Configuration",
+        "",
+        "Every key with its default, unit, range and meaning; the defaults are the paper's (preset",
+        "`paper`). M1 … M33 are the [decisions](model.md#decisions) on what the paper leaves open.",
+        "Ranges include both ends; `3 × 0..10` are three numbers, each within 0..10. They are wide",
+        "on purpose: a run with any values within them is flown with finite numbers.",
+        "",
+        "Set them in a TOML or JSON file (`--config lab.toml`), or singly (`--set",
+        "network.user_count=50`, `--set uav.displacement_scale_m=15,15,5`). `--config` reads pipes",
+        "too, as in `--config /dev/stdin` or `--config <(make-my-configuration)`: JSON if it",
+        "begins with a brace, else TOML. `orchid config show` prints the merged configuration with",
+        "the ranges, and with `--changed` only what differs from the preset.",
+        "",
+        "This page is made from the code by `make docs-data`.",
+    ]
+    for section, info in RunConfig.model_fields.items():
+        model = type(info.default)
+        lines += ["", f"## {section}", "", (model.__doc__ or "").strip(), ""]
+        lines += ["| key | default | unit | values | meaning |", "|---|---|---|---|---|"]
+        for field, description in model.model_fields.items():
+            lines.append(
+                f"| `{section}.{field}` | {_default(description.default)} | {unit_of(field)} "
+                f"| {values_of(description, quote='`')} | {description.description} |"
+            )
+    return "\n".join(lines) + "\n"
+
+
+def _default(value: Any) -> str:
+    if isinstance(value, tuple):
+        return ", ".join(map(_default, value))
+    if isinstance(value, float):
+        return f"{value:g}"
+    if isinstance(value, bool):
+        return str(value).lower()
+    return "none" if value is None else str(value)
+
+
+def replace_block(text: str, name: str, content: str) -> str:
+    """``text`` with what stands between the markers of that name replaced."""
+    begin, end = BEGIN.format(name), END.format(name)
+    if begin not in text or end not in text:
+        raise ValueError(f"no markers for '{name}'")
+    before, _, rest = text.partition(begin)
+    _, _, after = rest.partition(end)
+    return f"{before}{begin}\n{content}\n{end}{after}"
+
+
+def pages() -> dict[Path, str]:
+    """Every generated text by its file."""
+    from studies.pages.performance import render
+
+    texts = {
+        ROOT / "docs" / "configuration.md": configuration_page(),
+        ROOT / "docs" / "performance.md": render(),
+    }
+    blocks = {**BLOCKS, **ABLATION_BLOCKS, **VALIDATION_BLOCKS, **FINDING_BLOCKS}
+    for name, (path, content) in blocks.items():
+        text = texts.get(path) or path.read_text(encoding="utf-8")
+        texts[path] = replace_block(text, name, content())
+    return texts
+
+
+def main() -> None:
+    """Write all pages and figures."""
+    for path, text in pages().items():
+        path.write_text(text, encoding="utf-8")
+        print(f"wrote {path.relative_to(ROOT)}")
+    drawn = [draw_deployment(), *draw_studies(), *draw_ablations(), *draw_validation()]
+    for path in [*drawn, record_sources()]:
+        print(f"wrote {path.relative_to(ROOT)}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,52 @@
+"""Tables and sources of results as Markdown."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from orchid_uav.experiments.metrics import METRICS, label_of
+from orchid_uav.experiments.provenance import CHANGES
+
+ROOT = Path(__file__).parents[2]
+FIGURES = ROOT / "docs" / "figures"
+Result = Mapping[str, Any]
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[str]], words: int = 1) -> str:
+    """A Markdown table: so many columns of words, then numbers, which stand to the right."""
+    lines = [header, ["---"] * words + ["---:"] * (len(header) - words), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def cell(result: Result, metric: str, spread: bool = True) -> str:
+    """Mean ± standard deviation as it is shown everywhere."""
+    described, value = METRICS[metric], result[metric]
+    if value["mean"] is None:
+        return "–"
+    text = described.text(value["mean"])
+    return f"{text} ± {described.text(value['std'])}" if spread and value["std"] else text
+
+
+def recorded(document: Mapping[str, Any]) -> str:
+    """When and where something was measured, and whether its commit tells all of the code."""
+    commit = document["versions"]["git_commit"] or CHANGES
+    changed = ", with changes that were not committed" if commit.endswith(CHANGES) else ""
+    return f"{document['date']}{changed}, {document['host']['processor']}"
+
+
+def source(name: str, document: Mapping[str, Any]) -> str:
+    """When, where and how the figures were made."""
+    command = " ".join(document["command"])
+    if name.endswith("_N"):
+        command = command.rpartition(" ")[0] + " N"
+    return f"{recorded(document)}, `{command}` by `make studies` → `studies/results/{name}.json`."
+
+
+def metrics_table(results: Sequence[Result], metrics: Sequence[str], spread: bool = True) -> str:
+    """Methods by metrics, without those that the results of an earlier version do not have."""
+    metrics = [metric for metric in metrics if metric in results[0]]
+    return table(
+        ["method", *(METRICS[metric].heading for metric in metrics)],
+        [[f"`{label_of(result)}`", *(cell(result, metric, spread) for metric in metrics)]
+         for result in results],
+    )  # fmt: skip

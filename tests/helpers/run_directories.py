@@ -1,0 +1,77 @@
+"""Run directories that were never trained, for tests of what reads them."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from orchid_uav.experiments.runs import directory as run_directory
+from orchid_uav.experiments.runs.directory import RunDirectory
+from orchid_uav.storage.files import sealed
+from tests.helpers.processes import COLUMNS, WHOLE_NUMBERS, record_of, tiny_config
+
+COMMAND = ["orchid", "train", "--name", "lab's"]
+POLICY = {"policy.safetensors": b"weights" * 50, "policy.json": b"{}\n"}
+
+
+def row(episode: int, **figures: float) -> dict[str, float]:
+    """An episode whose figures differ from column to column and from episode to episode."""
+    values = {name: place + episode / 7.0 for place, name in enumerate(COLUMNS)}
+    whole = dict.fromkeys(WHOLE_NUMBERS, 0.0)
+    return values | whole | {"episode": float(episode)} | figures
+
+
+def rows(count: int, **figures: float) -> list[dict[str, float]]:
+    return [row(episode, **figures) for episode in range(1, count + 1)]
+
+
+def make_run(
+    runs_dir: Path,
+    name: str = "lab",
+    *,
+    status: str = "completed",
+    log: Sequence[dict[str, float]] | None = None,
+    resets: Sequence[int] = (),
+    config: dict[str, Any] | None = None,
+    checkpoints: Sequence[int] = (),
+    episodes: int = 3,
+) -> Path:
+    """A run in a state; "died" is one whose process is gone.
+
+    Args:
+        runs_dir: where.
+        name: of the run.
+        status: how it ended.
+        log: its rows; by default as many as planned.
+        resets: episodes of resets.
+        config: values by "section.key", with two underscores for the dot.
+        checkpoints: episodes of checkpoints, with made-up content.
+        episodes: planned.
+    """
+    run = RunDirectory.create(
+        runs_dir, name, tiny_config(episodes=episodes, **(config or {})), COMMAND
+    )
+    log = rows(episodes) if log is None else log
+    run.append_episodes(log)
+    run.write_policy(POLICY)
+    for episode in checkpoints:
+        folder = run.path / "checkpoints" / str(episode)
+        folder.mkdir(parents=True)
+        (folder / "state.json").write_text(json.dumps({"episode": episode}))
+        (folder / "weights.safetensors").write_bytes(b"w" * 1000)
+    if status == "died":
+        run._lock.release()
+    else:
+        run.finish(status, log, resets, seconds=1.5, error="NaN" if status == "failed" else None)
+    return run.path
+
+
+def begin_run(runs_dir: Path, **options: Any) -> RunDirectory:
+    """A run that this process goes on writing."""
+    return RunDirectory.create(runs_dir, "live", tiny_config(**options), COMMAND)
+
+
+def reseal(path: Path, **changes: Any) -> None:
+    """Change a record as somebody would who knows how to seal it."""
+    record = sealed(record_of(path) | changes)
+    (path / run_directory.RECORD_FILE).write_text(json.dumps(record))
