@@ -238,11 +238,11 @@ class WorldBatch:
         if not resting.any():
             self.step(actions)
         elif not resting.all():
-            kept = [array[resting] for array in self.arrays]  # copies
+            arrays: Any = self.arrays  # of several kinds
+            kept = [array[resting] for array in arrays]  # copies
             flown = np.asarray(actions)
             self.step(np.where(resting[:, None, None], 0.0, flown))
-            array: NDArray[Any]  # whose kinds differ
-            for array, before in zip(self.arrays, kept, strict=True):
+            for array, before in zip(arrays, kept, strict=True):
                 array[resting] = before
 
     def state(self) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
