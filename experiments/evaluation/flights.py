@@ -135,12 +135,17 @@ def evaluate(
         progress: shows it; nothing by default.
         flown: flights of an interrupted evaluation of the same plan, which are not flown again.
         save: called with all flights so far after every setting, and however the flying ends.
-        stop: asked between flights, since a KeyboardInterrupt may be lost in a library.
+        stop: asked in every slot, since libraries lose a KeyboardInterrupt in what they call back.
 
     Returns:
         The figures by flight, and whether all flights were flown: KeyboardInterrupt ends the
         evaluation and loses the flight that was going on.
     """
+
+    def heed_stop() -> None:
+        if stop():
+            raise KeyboardInterrupt
+
     progress = progress or SilentProgress()
     done: Flown = dict(flown or {})
     waiting = [flight for flight in plan.flights() if flight.key not in done]
@@ -152,9 +157,7 @@ def evaluate(
                 topologies = _Topologies(plan, setting)
                 try:
                     for flight in flights:
-                        if stop():
-                            return done, False
-                        done[flight.key] = _fly(plan, flight, topologies, progress)
+                        done[flight.key] = _fly(plan, flight, topologies, progress, heed_stop)
                 finally:
                     if done:
                         save(done)
@@ -210,7 +213,13 @@ class _Topologies:
         return parameters, self._drawn[kind]
 
 
-def _fly(plan: Plan, flight: Flight, topologies: _Topologies, progress: Progress) -> Figures:
+def _fly(
+    plan: Plan,
+    flight: Flight,
+    topologies: _Topologies,
+    progress: Progress,
+    heed_stop: Callable[[], None],
+) -> Figures:
     parameters, all_topologies = topologies.of(flight.entry)
     parts: list[Figures] = []
     first = 0
@@ -219,7 +228,8 @@ def _fly(plan: Plan, flight: Flight, topologies: _Topologies, progress: Progress
         some = all_topologies.chosen(slice(first, first + len(seeds)))
         first += len(seeds)
         cost = _cost(flight) * len(seeds) / plan.episodes
-        parts.append(_fly_batch(flight.entry, parameters, some, seeds, progress, cost))
+        batch = _fly_batch(flight.entry, parameters, some, seeds, progress, cost, heed_stop)
+        parts.append(batch)
     return {name: np.concatenate([part[name] for part in parts]) for name in EPISODE_FIGURES}
 
 
@@ -236,17 +246,24 @@ def _fly_batch(
     seeds: Sequence[int],
     progress: Progress,
     cost: float,
+    heed_stop: Callable[[], None],
 ) -> Figures:
     world = WorldBatch(parameters, worlds=len(seeds), seed=0)
     world.set_progress(1.0)
     world.begin(topologies)
     method = entry.make(seeds)
+
+    def plan_made() -> None:
+        progress.advance(cost / len(seeds))
+        heed_stop()
+
     if isinstance(method, Planner):  # which takes its time before it flies
-        method.after_each = lambda: progress.advance(cost / len(seeds))
+        method.after_each = plan_made
     method.begin(world)
     diagnostics = Diagnostics(world)
     diagnostics.begin()
     for _ in range(parameters.network.episode_slots):
+        heed_stop()
         world.step(method.act(world))
         diagnostics.observe()
     if not isinstance(method, Planner):
