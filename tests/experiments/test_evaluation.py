@@ -99,6 +99,19 @@ def fly(plan, **keywords):
     return flown
 
 
+def test_a_stop_of_which_no_exception_told_is_heeded_in_the_next_slot():
+    plan = tiny_plan([rules()["static-mmf"], rules()["loiter-mmf"]])
+    asked = []
+
+    def stop():
+        asked.append(None)
+        return len(asked) > 14  # in the second flight of ten slots
+
+    flown, is_complete = evaluate(plan, stop=stop)
+    assert not is_complete and len(asked) == 15
+    assert [key[-2] for key in flown] == ["static-mmf"]
+
+
 # What is flown
 
 
