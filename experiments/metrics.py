@@ -7,6 +7,8 @@ from orchid_uav.envs.metrics import DIAGNOSTIC_METRICS, EPISODE_METRICS
 
 HEADROOM = "headroom_share"
 """Share of the room between ``loiter-mmf`` and ``planner`` in utility, a ratio of means."""
+UNBREAKABLE = "\N{NO-BREAK SPACE}"
+"""Joins what no line may divide, such as a number and its unit."""
 
 
 class Metric(NamedTuple):

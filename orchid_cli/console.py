@@ -14,11 +14,10 @@ from rich.console import Console
 
 from orchid_uav.experiments.errors import InputError, RunFailedError
 from orchid_uav.experiments.interruption import Raising, interruption_requests
+from orchid_uav.experiments.metrics import UNBREAKABLE
 
 FAILED, WRONG_INPUT, INTERRUPTED = 1, 2, 130
 """Exit codes besides 0."""
-UNBREAKABLE = "\N{NO-BREAK SPACE}"
-"""Joins what no line may divide, such as a number and its unit."""
 _GAP = 2
 """Spaces between the columns of a table."""
 _LEAST_TEXT = 20

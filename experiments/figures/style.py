@@ -16,13 +16,12 @@ from matplotlib.textpath import TextPath
 from matplotlib.ticker import FuncFormatter, MaxNLocator, ScalarFormatter
 from matplotlib.transforms import ScaledTranslation, Transform
 
-from orchid_uav.experiments.metrics import HEADROOM, METRICS
+from orchid_uav.experiments.metrics import HEADROOM, METRICS, UNBREAKABLE
 
 COLUMN_IN, PAGE_IN = 3.5, 7.16
 """Widths of a column and of a page of an IEEE paper."""
 SHIFT_PT = 4.0
 """Sideways, from one marker to the next of curves that lie on each other."""
-UNBREAKABLE = "\N{NO-BREAK SPACE}"
 
 # Okabe and Ito's colours without yellow, too faint for lines; and grey.
 _BLUE, _SKY, _VERMILLION, _ORANGE = "#0072B2", "#56B4E9", "#D55E00", "#E69F00"

@@ -5,9 +5,7 @@ import torch
 
 from orchid_uav.agents.maddpg.maddpg import MADDPG
 from orchid_uav.agents.mappo.mappo import MAPPO
-from orchid_uav.callbacks import (
-    ResetAndFinetune,
-)
+from orchid_uav.callbacks import ResetAndFinetune
 from orchid_uav.envs.interfaces.sb3_vec_env import FleetVecEnv
 from orchid_uav.experiments.configuration import RunConfig
 
@@ -17,10 +15,11 @@ _RANDOM_RESETS = 1
 
 def build_model(config: RunConfig, env: FleetVecEnv) -> MAPPO | MADDPG:
     """The learner of a configuration."""
-    return _build_maddpg(config, env) if _is_maddpg(config) else _build_mappo(config, env)
+    return _build_maddpg(config, env) if is_maddpg(config) else _build_mappo(config, env)
 
 
-def _is_maddpg(config: RunConfig) -> bool:
+def is_maddpg(config: RunConfig) -> bool:
+    """Whether the learner is MADDPG, which has no entropy bonus; else it is MAPPO."""
     return config.training.algorithm == "maddpg"
 
 
@@ -95,7 +94,7 @@ def _random_episodes(config: RunConfig) -> list[int]:
 
     As far from each other as resets at plateaus are at least.
     """
-    distance, last = 2 * config.reset.window, _schedule_episodes(config) - 1
+    distance, last = 2 * config.reset.window, schedule_episodes(config) - 1
     count = min(config.reset.max_resets, last // distance)
     generator = np.random.default_rng([config.training.seed, _RANDOM_RESETS])
     # Drawn where only numbers of their own are needed, and then moved apart.
@@ -104,7 +103,8 @@ def _random_episodes(config: RunConfig) -> list[int]:
     return (drawn + np.arange(count) * (distance - 1)).tolist()
 
 
-def _schedule_episodes(config: RunConfig) -> int:
+def schedule_episodes(config: RunConfig) -> int:
+    """Episodes over which schedules run: those first planned, also of a run that was extended."""
     return config.training.schedule_episodes or config.training.episodes
 
 

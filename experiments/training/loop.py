@@ -29,10 +29,10 @@ from orchid_uav.experiments.interruption import Interruption, interruption_reque
 from orchid_uav.experiments.runs.directory import Row, RunDirectory, final_figures
 from orchid_uav.experiments.runs.records import Status, former_ids
 from orchid_uav.experiments.training.builders import (
-    _is_maddpg,
-    _schedule_episodes,
     build_model,
     build_reset_and_finetune,
+    is_maddpg,
+    schedule_episodes,
     set_up_torch,
 )
 from orchid_uav.experiments.training.checkpoints import STATE_ERRORS, CheckpointStore
@@ -199,11 +199,11 @@ def _learn(
         checkpoints.save(episodes_done, training.state(), run.sync_episodes())
 
     callbacks: list[EpisodeCallback] = [
-        LearningRateDecay(_schedule_episodes(config), config.training.final_learning_rate_scale),
+        LearningRateDecay(schedule_episodes(config), config.training.final_learning_rate_scale),
         EpisodeLog(take, reset_and_finetune),
         ProgressSchedules(
-            _schedule_episodes(config),
-            None if _is_maddpg(config) else config.ppo.entropy_coef,
+            schedule_episodes(config),
+            None if is_maddpg(config) else config.ppo.entropy_coef,
         ),
         Checkpoints(config.checkpoint.every_episodes, save, lambda: interruption.requested),
     ]

@@ -5,8 +5,8 @@ from typing import Any
 
 from rich.console import Console
 
-from orchid_uav.cli.console import UNBREAKABLE, print_line, print_table
-from orchid_uav.experiments.metrics import METRICS, label_of
+from orchid_uav.cli.console import print_line, print_table
+from orchid_uav.experiments.metrics import METRICS, UNBREAKABLE, label_of
 from orchid_uav.experiments.runs.records import short_ids
 
 Result = Mapping[str, Any]

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from studies.pages.markdown import ROOT, recorded
+from studies.pages.markdown import ROOT, recorded, table
 from studies.recording import read
 
 PAGE = ROOT / "docs" / "performance.md"
@@ -89,8 +89,7 @@ own matrix products, at the processor's rate, and the simulator's step; so the r
 
 
 def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = [header, ["---", *["---:"] * (len(header) - 1)], *rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
+    return table(header, rows) + "\n"
 
 
 def _conditions(result: Mapping[str, Any]) -> str:

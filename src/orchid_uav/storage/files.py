@@ -25,6 +25,9 @@ LARGEST_DOCUMENT = 4 * 2**20
 _DEEPEST_DOCUMENT = 32
 """Levels of lists and objects; what is written as it was read must not exhaust the stack."""
 _CHUNK = 2**20
+_NOT_OFFERED = {errno.EINVAL, errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOTSUP}
+"""How a file system says that it does not do this at all."""
+_NOT_OF_DIRECTORIES = _NOT_OFFERED | {errno.EBADF, errno.EACCES, errno.EPERM}
 
 
 def sealed(document: Mapping[str, Any]) -> dict[str, Any]:
@@ -148,11 +151,6 @@ def checksum_of_file(path: Path, largest: int) -> str:
         while chunk := file.read(_CHUNK):
             digest.update(chunk)
     return digest.hexdigest()
-
-
-_NOT_OFFERED = {errno.EINVAL, errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOTSUP}
-"""How a file system says that it does not do this at all."""
-_NOT_OF_DIRECTORIES = _NOT_OFFERED | {errno.EBADF, errno.EACCES, errno.EPERM}
 
 
 def write_atomically(path: Path, content: bytes) -> None:
