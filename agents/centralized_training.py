@@ -11,7 +11,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.type_aliases import Schedule
 from stable_baselines3.common.utils import FloatSchedule
 
-from orchid_uav.storage.tensors import TensorKind, Tensors
+from orchid_uav.storage.tensors import Tensors, TensorSpec
 
 Rows = dict[str, NDArray[np.float32]]
 """{"observation": (rows, O), "state": (rows, S)}."""
@@ -83,11 +83,11 @@ class CentralizedTraining(BaseAlgorithm):
         for group in self.policy.optimizer.param_groups:
             self.logger.record(f"train/{group['name']}_learning_rate", group["lr"])
 
-    def _check_losses(self, figures: Mapping[str, float]) -> None:
-        """Raise DivergedError if one of an update's figures is not a finite number."""
-        for name, figure in figures.items():
-            if not math.isfinite(figure):
-                raise DivergedError(f"update {self._n_updates}: {name} is {figure}")
+    def _check_losses(self, metrics: Mapping[str, float]) -> None:
+        """Raise DivergedError if one of an update's metrics is not a finite number."""
+        for name, metric in metrics.items():
+            if not math.isfinite(metric):
+                raise DivergedError(f"update {self._n_updates}: {name} is {metric}")
 
     def _check_actions(self, actions: NDArray[np.float32]) -> None:
         """Raise DivergedError if the policy gives actions that are not finite numbers."""
@@ -135,19 +135,19 @@ class CentralizedTraining(BaseAlgorithm):
         }
         return document, {_WEIGHTS: weights, _OPTIMIZER: moments}
 
-    def training_state_kinds(self, document: Mapping[str, Any]) -> dict[str, dict[str, TensorKind]]:
+    def training_state_specs(self, document: Mapping[str, Any]) -> dict[str, dict[str, TensorSpec]]:
         """Shapes and types of the tensors that belong to counters of :meth:`training_state`."""
         weights = {
-            name: TensorKind.of(_array(tensor)) for name, tensor in self.policy.state_dict().items()
+            name: TensorSpec.of(_array(tensor)) for name, tensor in self.policy.state_dict().items()
         }
         parameters = self._optimized()
         moments = {}
         for index, names in document["optimizer"].items():
             if names != _MOMENTS or index not in map(str, range(len(parameters))):
                 raise ValueError(f"Adam has no {names!r} of parameter {index!r}")
-            parameter = TensorKind.of(_array(parameters[int(index)]))
+            parameter = TensorSpec.of(_array(parameters[int(index)]))
             for name in names:
-                scalar = TensorKind((), parameter.dtype)
+                scalar = TensorSpec((), parameter.dtype)
                 moments[f"{index}.{name}"] = scalar if name == "step" else parameter
         return {_WEIGHTS: weights, _OPTIMIZER: moments}
 

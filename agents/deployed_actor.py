@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from safetensors.numpy import save
 
 from orchid_uav.storage.files import read_sealed, sealed
-from orchid_uav.storage.tensors import TensorKind, read_tensors
+from orchid_uav.storage.tensors import TensorSpec, read_tensors
 
 WEIGHTS_FILE = "policy.safetensors"
 DESCRIPTION_FILE = "policy.json"
@@ -125,8 +125,8 @@ def load_policy(path: str | Path) -> LocalActor:
     for index, (inputs, outputs) in enumerate(itertools.pairwise(sizes)):
         shapes[f"actor.{index}.weight"] = (outputs, inputs)
         shapes[f"actor.{index}.bias"] = (outputs,)
-    kinds = {name: TensorKind(shape, np.dtype(np.float32)) for name, shape in shapes.items()}
-    tensors = read_tensors(weights_path, kinds, description["sha256"])
+    specs = {name: TensorSpec(shape, np.dtype(np.float32)) for name, shape in shapes.items()}
+    tensors = read_tensors(weights_path, specs, description["sha256"])
     if not all(np.isfinite(tensor).all() for tensor in tensors.values()):
         raise ValueError(f"{weights_path} holds numbers that are not finite")
     layers = [

@@ -1,11 +1,11 @@
 """What ``orchid eval`` costs: the UAV study, and the same flights one world at a time.
 
 The study is 7 UAV counts × 6 methods × 100 topologies on one core, from the drawing of the
-topologies to the last figure of the last episode; start-up, bootstrap intervals and plots apart.
+topologies to the last metric of the last episode; start-up, bootstrap intervals and plots apart.
 
 "one at a time" is what one would write with the usual parts: a PettingZoo environment through
 SuperSuit to SB3, an SB3 model's ``predict`` on its rows, the metrics from its infos, and the
-further figures (blocking pairs, GBS users, thrust) by the ``Diagnostics`` of ``orchid eval``. It is
+further metrics (blocking pairs, GBS users, thrust) by the ``Diagnostics`` of ``orchid eval``. It is
 timed on a few episodes of every UAV count; the rules fly there, too, without ``predict``.
 """
 
@@ -20,7 +20,7 @@ from threadpoolctl import threadpool_limits
 
 from benchmarks.measuring import alternate, arguments, ratio, report
 from orchid_uav.agents import MAPPO, LocalActor
-from orchid_uav.agents.controllers.controller import Method
+from orchid_uav.agents.controllers.controller import Controller
 from orchid_uav.envs import evaluation_seeds, make_supersuit_vec_env, parallel_env
 from orchid_uav.envs.diagnostics import Diagnostics
 from orchid_uav.envs.parameters import Parameters
@@ -46,22 +46,22 @@ def batched_s(methods: Sequence[str]) -> float:
     study = plan(methods)
     began_s = time.perf_counter()
     evaluate(study)
-    flights = len(study.settings) * len(study.entries) * EPISODES
+    flights = len(study.settings) * len(study.contenders) * EPISODES
     return (time.perf_counter() - began_s) / flights
 
 
 def one_at_a_time_s(methods: Sequence[str]) -> float:
     """Seconds per episode through SuperSuit and SB3's ``predict``."""
     took_s = 0.0
-    for uavs, entry in itertools.product(UAVS, select(methods)):
-        objective = entry.overrides["reward.objective"]
+    for uavs, contender in itertools.product(UAVS, select(methods)):
+        objective = contender.overrides["reward.objective"]
         env = make_supersuit_vec_env(
             lambda uavs=uavs, objective=objective: parallel_env(uavs=uavs, objective=objective)
         )
-        model = None if entry.policy is None else _model(env, entry.policy.actor)
+        model = None if contender.policy is None else _model(env, contender.policy.actor)
         for seed in evaluation_seeds(0, EPISODES_ONE_AT_A_TIME):
             began_s = time.perf_counter()
-            _fly(env, model, entry.make([seed]), seed)
+            _fly(env, model, contender.make([seed]), seed)
             took_s += time.perf_counter() - began_s
     return took_s / (len(UAVS) * len(methods) * EPISODES_ONE_AT_A_TIME)
 
@@ -77,7 +77,7 @@ def _model(env: VecEnv, actor: LocalActor) -> MAPPO:
     return model
 
 
-def _fly(env: VecEnv, model: MAPPO | None, rule: Method, seed: int) -> dict[str, float]:
+def _fly(env: VecEnv, model: MAPPO | None, rule: Controller, seed: int) -> dict[str, float]:
     world = env.worlds[0].unwrapped.world
     world.set_progress(1.0)
     env.seed(seed)

@@ -23,7 +23,7 @@ Case = Callable[[int], float]
 def arguments_parser(description: str, repetitions: int) -> argparse.ArgumentParser:
     """What every benchmark takes."""
     parser = argparse.ArgumentParser(description=description)
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write all figures there")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write all numbers there")
     parser.add_argument(
         "--repetitions",
         type=int,
@@ -93,12 +93,12 @@ def keep_freed_memory(keep: bool) -> None:
 def report(
     title: str, rows: Mapping[str, str], document: Mapping[str, Any], path: Path | None
 ) -> None:
-    """Print a table of names and figures, and write the document if a path is given."""
+    """Print a table of names and numbers, and write the document if a path is given."""
     table = Table(title=title, show_header=False)
     table.add_column(overflow="fold")
     table.add_column(justify="right", no_wrap=True)
-    for name, figure in rows.items():
-        table.add_row(name, figure)
+    for name, text in rows.items():
+        table.add_row(name, text)
     Console().print(table)
     if path is not None:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -1,6 +1,6 @@
 """What ``orchid runs list`` takes with a thousand runs.
 
-The runs have the episodes and the policy of a released one, and ids, seeds and figures of their
+The runs have the episodes and the policy of a released one, and ids, seeds and metrics of their
 own; files that a listing does not read are hard links. Measured are the whole command, with its
 output as for a file and as for a terminal, the reading and sorting alone, and what any command or
 Python itself takes to start.
@@ -21,7 +21,7 @@ from benchmarks.measuring import alternate, arguments, ratio, report
 from orchid_uav.experiments.configuration import RunConfig
 from orchid_uav.experiments.runs.directory import RunDirectory, read_episodes
 from orchid_uav.experiments.runs.filters import Keys, select
-from orchid_uav.experiments.runs.index import FIGURES, read_index
+from orchid_uav.experiments.runs.index import TRAINING_METRICS, read_index
 from orchid_uav.experiments.runs.records import CONFIG_FILE, EPISODES_FILE, RECORD_FILE
 from orchid_uav.storage.files import json_bytes, read_document, sealed
 from studies.recording import record
@@ -86,7 +86,7 @@ def reading_s(directory: Path) -> float:
     keys = Keys(runs)
     chosen = select(runs, keys, [keys.condition(WHERE)], SORT)
     took_s = time.perf_counter() - began_s
-    assert len(runs) == RUNS and 0 < len(chosen) < RUNS and set(FIGURES) <= set(keys.known)
+    assert len(runs) == RUNS and 0 < len(chosen) < RUNS and set(TRAINING_METRICS) <= set(keys.known)
     return took_s
 
 

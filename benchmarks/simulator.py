@@ -106,8 +106,8 @@ def fresh_process_speed(case: Case, repetition: int) -> float:
         keep_freed_memory(True)
 
 
-def face_speed(worlds: int, pool: NDArray[np.float32], repetition: int) -> float:
-    """World-steps per second through the SB3 face, one slot short of the reset."""
+def interface_speed(worlds: int, pool: NDArray[np.float32], repetition: int) -> float:
+    """World-steps per second through the SB3 interface, one slot short of the reset."""
     env = make_vec_env(worlds=worlds, seed=repetition)
     env.reset()
     begin_s = time.perf_counter()
@@ -176,8 +176,8 @@ def cases() -> dict[str, Case]:
         "numpy, moving users": partial(batch_speed, moving, pool, numpy_step),
         "compiled, 1 world": partial(batch_speed, single, pool[:, :1], compiled),
         "numpy, 1 world": partial(batch_speed, single, pool[:, :1], numpy_step),
-        "SB3 face": partial(face_speed, WORLDS, rows),
-        "SB3 face, 1 world": partial(face_speed, 1, rows),
+        "SB3 interface": partial(interface_speed, WORLDS, rows),
+        "SB3 interface, 1 world": partial(interface_speed, 1, rows),
     }
     if _mobile_env_version() is not None:
         named["mobile-env"] = mobile_env_speed
@@ -199,7 +199,7 @@ RATIOS = {
     "what sparing links brings, compiled": ("compiled", "compiled, all links"),
     "what sparing links brings, numpy": ("numpy, few links", "numpy"),
     "compiled, moving users / mobile-env": ("compiled, moving users", "mobile-env"),
-    "SB3 face, 1 world / mobile-env": ("SB3 face, 1 world", "mobile-env"),
+    "SB3 interface, 1 world / mobile-env": ("SB3 interface, 1 world", "mobile-env"),
 }
 """What is divided by what."""
 

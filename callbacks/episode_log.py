@@ -1,4 +1,4 @@
-"""One row of figures per episode, for whoever wants them."""
+"""One row of metrics per episode, for whoever wants them."""
 
 from collections.abc import Callable, Sequence
 
@@ -11,7 +11,7 @@ Row = dict[str, float]
 class EpisodeLog(EpisodeCallback):
     """Hands the rows of ``episodes.csv`` to a sink after each update.
 
-    A row holds the episode's number (from 1) and figures, the learning rates in force after it,
+    A row holds the episode's number (from 1) and metrics, the learning rates in force after it,
     the entropy coefficient of the update on it, and whether it triggered a reset. List it behind
     ``reset_and_finetune`` and before :class:`ProgressSchedules`.
 

@@ -7,7 +7,7 @@ import torch
 from stable_baselines3.common.callbacks import BaseCallback
 
 Episode = dict[str, float]
-"""Figures of one episode, by the names of ``orchid_uav.envs.EPISODE_METRICS``."""
+"""Metrics of one episode, by the names of ``orchid_uav.envs.EPISODE_METRICS``."""
 
 
 class Learner(Protocol):

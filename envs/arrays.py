@@ -136,7 +136,7 @@ def _in_order_of(function: Callable[..., object], arguments: dict[str, float]) -
 
 
 class Worlds(NamedTuple):
-    """State and last figures of B worlds with N UAVs and M users each."""
+    """State and last metrics of B worlds with N UAVs and M users each."""
 
     slot: NDArray[np.int64]
     """Slots flown in this episode, (B,)."""
@@ -177,9 +177,9 @@ class Worlds(NamedTuple):
     rewards: Floats
     """r_n of the last slot, (B, N)."""
     metrics: Floats
-    """Figures of the last slot, (B, len(SLOT_METRICS))."""
+    """Metrics of the last slot, (B, len(SLOT_METRICS))."""
     episode_sums: Floats
-    """Mean reward and figures summed over this episode's slots, (B, 1 + len(SLOT_METRICS))."""
+    """Mean reward and metrics summed over this episode's slots, (B, 1 + len(SLOT_METRICS))."""
     observations: NDArray[np.float32]
     """(B, N, OBSERVATION_SIZE)."""
     states: NDArray[np.float32]

@@ -1,4 +1,4 @@
-"""Figures of a slot that evaluation wants and learning does not."""
+"""Metrics of a slot that evaluation wants and learning does not."""
 
 import numpy as np
 from numba import njit
@@ -65,7 +65,7 @@ class Diagnostics:
         inspect_worlds(world.constants, arrays, self._last_velocities_mps, inspected)
         self._last_velocities_mps[:] = arrays.velocities_mps
         if self._gbs is None or world.parameters.network.user_speed_mps > 0.0:
-            self._gbs = _gbs_figures(world)
+            self._gbs = _gbs_metrics(world)
         utility = final_utility(
             world.parameters.reward,
             world.constants.efficiency_scale_bit_per_joule,
@@ -86,7 +86,7 @@ class Diagnostics:
         return dict(zip(DIAGNOSTIC_METRICS, means.tolist(), strict=True))
 
 
-def _gbs_figures(world: WorldBatch) -> tuple[Floats, Floats, Floats]:
+def _gbs_metrics(world: WorldBatch) -> tuple[Floats, Floats, Floats]:
     """Mean rate of the GBS's users, unserved ones at 0, their served share and number (M4)."""
     rates_bps = world.gbs_rates_bps()
     users = (~world.arrays.target_users).sum(axis=1)
@@ -100,7 +100,7 @@ def inspect_worlds(
     constants: Constants,
     worlds: Worlds,
     last_velocities_mps: Floats,
-    figures: Floats,
+    metrics: Floats,
     sources: str = SOURCES,
 ) -> None:
     """Energy efficiency with thrust paid for, distance to the nearest UAV, blocking pairs.
@@ -109,16 +109,16 @@ def inspect_worlds(
         constants: of the parameters that the worlds were made with.
         worlds: B worlds after a step.
         last_velocities_mps: of the slot before, (B, N, 3).
-        figures: result, (B, 3).
+        metrics: result, (B, 3).
         sources: not used; see ``SOURCES``.
     """
     for world in range(len(worlds.slot)):
         power_w = _power_with_thrust_w(constants, worlds, world, last_velocities_mps[world])
-        figures[world, 0] = energy_efficiency(
+        metrics[world, 0] = energy_efficiency(
             worlds.metrics[world, SUM_RATE], power_w, constants.power_epsilon_w
         )
-        figures[world, 1] = _mean_nearest_uav_m(worlds.positions_m[world])
-        figures[world, 2] = _count_blocking_pairs(constants, worlds, world)
+        metrics[world, 1] = _mean_nearest_uav_m(worlds.positions_m[world])
+        metrics[world, 2] = _count_blocking_pairs(constants, worlds, world)
 
 
 @njit(error_model="numpy")

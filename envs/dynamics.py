@@ -275,7 +275,7 @@ def _watch_constraints(constants: Constants, worlds: Worlds, world: int) -> None
 
 @njit(error_model="numpy")
 def _score(constants: Constants, worlds: Worlds, world: int, progress: float) -> None:
-    """Figures of the slot and every UAV's reward (Section IV-C3, V-B; decisions M7 to M14)."""
+    """Metrics of the slot and every UAV's reward (Section IV-C3, V-B; decisions M7 to M14)."""
     uavs = worlds.positions_m.shape[1]
     users = worlds.users_m.shape[2]
     target_count, served_count = 0, 0

@@ -1,4 +1,4 @@
-"""Names of the figures reported per slot and per episode, in the order of their columns."""
+"""Names of the metrics reported per slot and per episode, in the order of their columns."""
 
 REWARD = "reward"
 """Reward averaged over UAVs."""
@@ -15,11 +15,11 @@ SLOT_METRICS = (
     "boundary_violations",
     "backhaul_violations",
 )
-"""Fleet figures of a slot. Rates and power are sums over the fleet but for the worst user's rate;
+"""Fleet metrics of a slot. Rates and power are sums over the fleet but for the worst user's rate;
 collisions count pairs, the two kinds of violations UAVs."""
 
 EPISODE_METRICS = (REWARD, *SLOT_METRICS)
-"""An episode's figures: the reward is summed over slots."""
+"""An episode's metrics: the reward is summed over slots."""
 
 DIAGNOSTIC_METRICS = (
     "utility",
@@ -30,13 +30,13 @@ DIAGNOSTIC_METRICS = (
     "gbs_coverage",
     "total_coverage",
 )
-"""Further figures of an episode, all means over its slots; see :mod:`orchid_uav.envs.diagnostics`:
+"""Further metrics of an episode, all means over its slots; see :mod:`orchid_uav.envs.diagnostics`:
 U_total at training progress 1; the energy efficiency with a load factor in the induced power; the
 mean distance of UAVs to the nearest other one; user-UAV pairs that would both gain by deviating;
 the mean rate of the GBS's users; the served share of them, and of all users."""
 
 SUMMED_OVER_SLOTS = frozenset({REWARD, "collisions", "boundary_violations", "backhaul_violations"})
-"""Episode figures that are sums over slots; the others are means over slots."""
+"""Episode metrics that are sums over slots; the others are means over slots."""
 
 (
     COVERAGE,
@@ -50,4 +50,4 @@ SUMMED_OVER_SLOTS = frozenset({REWARD, "collisions", "boundary_violations", "bac
     BOUNDARY_VIOLATIONS,
     BACKHAUL_VIOLATIONS,
 ) = range(len(SLOT_METRICS))
-"""Columns of a slot's figures, for the compiled step."""
+"""Columns of a slot's metrics, for the compiled step."""

@@ -97,7 +97,7 @@ def final_utility(
     load_jfi: Numeric,
     rate_jfi: Numeric,
 ) -> Numeric:
-    """U_total, eq. (global_utility), at training progress 1, from figures of a slot.
+    """U_total, eq. (global_utility), at training progress 1, from metrics of a slot.
 
     The same function for every objective, so that it compares methods.
     """

@@ -135,7 +135,7 @@ class WorldBatch:
     def reset(self, worlds: ArrayLike | None = None) -> None:
         """Begin a new episode in the given worlds (indices), or in all: new users, Phase I."""
         chosen = np.arange(self.world_count) if worlds is None else np.asarray(worlds, np.int64)
-        self.begin(self.draw_topologies(chosen), chosen)
+        self.use_topology(self.draw_topologies(chosen), chosen)
 
     def draw_topologies(self, worlds: ArrayLike | None = None) -> Topologies:
         """Draw what new episodes of the given worlds, or of all, would begin with.
@@ -149,7 +149,7 @@ class WorldBatch:
             self._draw_topology(drawn, row, self.generators[world])
         return drawn
 
-    def begin(self, topologies: Topologies, worlds: ArrayLike | None = None) -> None:
+    def use_topology(self, topologies: Topologies, worlds: ArrayLike | None = None) -> None:
         """Begin an episode on given topologies, one for each of the given worlds, or of all."""
         chosen = np.arange(self.world_count) if worlds is None else np.asarray(worlds, np.int64)
         arrays, uav, area_m = self.arrays, self.parameters.uav, self.parameters.network.area_m
@@ -295,7 +295,7 @@ class WorldBatch:
         return self.arrays.slot >= self.parameters.network.episode_slots
 
     def episode_metrics(self, world: int) -> dict[str, float]:
-        """An episode's figures so far, by the names of ``EPISODE_METRICS``."""
+        """An episode's metrics so far, by the names of ``EPISODE_METRICS``."""
         sums = self.arrays.episode_sums[world]
         slots = max(int(self.arrays.slot[world]), 1)
         return dict(
@@ -303,7 +303,7 @@ class WorldBatch:
         )
 
     def slot_metrics(self, world: int) -> dict[str, float]:
-        """The last slot's fleet figures, by the names of ``SLOT_METRICS``."""
+        """The last slot's fleet metrics, by the names of ``SLOT_METRICS``."""
         return dict(zip(SLOT_METRICS, self.arrays.metrics[world].tolist(), strict=True))
 
     def gbs_rates_bps(self) -> NDArray[np.float64]:

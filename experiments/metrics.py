@@ -1,4 +1,4 @@
-"""How every figure of an episode is called, scaled and judged, for tables, plots and pages."""
+"""How every metric of an episode is called, scaled and judged, for tables, plots and pages."""
 
 from collections.abc import Mapping
 from typing import Any, Literal, NamedTuple
@@ -12,7 +12,7 @@ UNBREAKABLE = "\N{NO-BREAK SPACE}"
 
 
 class Metric(NamedTuple):
-    """A figure of evaluation."""
+    """A metric of evaluation."""
 
     title: str
     unit: str
@@ -33,6 +33,11 @@ class Metric(NamedTuple):
         """The value as it is shown, without its unit."""
         text = f"{value * self.scale:.{self.digits}f}"
         return text.lstrip("-") if float(text) == 0.0 else text
+
+
+def heading_of(key: str) -> str:
+    """What a metric is called, with its unit; other keys are their own name."""
+    return METRICS[key].heading if key in METRICS else key
 
 
 def label_of(result: Mapping[str, Any]) -> str:
@@ -68,7 +73,7 @@ METRICS: dict[str, Metric] = {
 HEADLINE = tuple(METRICS)[:8]
 """What is shown where there is no room for all."""
 
-EPISODE_FIGURES = (*EPISODE_METRICS, *DIAGNOSTIC_METRICS)
+EVALUATION_METRICS = (*EPISODE_METRICS, *DIAGNOSTIC_METRICS)
 """Those that every single episode has."""
 
-assert set(METRICS) == {*EPISODE_FIGURES, HEADROOM}
+assert set(METRICS) == {*EVALUATION_METRICS, HEADROOM}

@@ -223,7 +223,7 @@ def _variants(
         Variant,
         assigned,
         control,
-        listed,
+        variants_of_values,
     )
 
     variants = [Variant("no-rf", {"reset.enabled": False})] if no_rf else []
@@ -232,9 +232,9 @@ def _variants(
         ("objective", "reward.objective", objective),
         ("shares", "reward.shares", shares),
     ):
-        variants += listed(option, key, _words(text))
+        variants += variants_of_values(option, key, _words(text))
     if kappa is not None:
-        variants += listed("kappa", "reset.kappa", parse_numbers(kappa, "--kappa"))
+        variants += variants_of_values("kappa", "reset.kappa", parse_numbers(kappa, "--kappa"))
     variants += assigned(assignments)
     names = list(CONTROLS) if "all" in _words(controls) else _words(controls)
     return variants + [control(name, base) for name in names]

@@ -70,11 +70,11 @@ def metrics(ctx: typer.Context, incomplete: str) -> list[str]:
 
 
 @_silent
-def figures(ctx: typer.Context, incomplete: str) -> list[str]:
+def training_metrics(ctx: typer.Context, incomplete: str) -> list[str]:
     """Columns of ``episodes.csv``."""
-    from orchid_uav.experiments.runs.index import FIGURES
+    from orchid_uav.experiments.runs.index import TRAINING_METRICS
 
-    return _listed(FIGURES, incomplete)
+    return _listed(TRAINING_METRICS, incomplete)
 
 
 @_silent
@@ -117,6 +117,6 @@ def trackers(ctx: typer.Context, incomplete: str) -> list[str]:
 
 def _run_keys() -> list[str]:
     from orchid_uav.experiments.configuration import configuration_keys
-    from orchid_uav.experiments.runs.index import FIGURES, RECORD_KEYS
+    from orchid_uav.experiments.runs.index import RECORD_KEYS, TRAINING_METRICS
 
-    return [*RECORD_KEYS, *FIGURES, *configuration_keys()]
+    return [*RECORD_KEYS, *TRAINING_METRICS, *configuration_keys()]

@@ -44,7 +44,7 @@ from orchid_uav.notices import show_on_stderr
 if TYPE_CHECKING:
     from orchid_uav.experiments.configuration import Layer
     from orchid_uav.experiments.evaluation.flights import Plan, Setting
-    from orchid_uav.experiments.evaluation.methods import Entry
+    from orchid_uav.experiments.evaluation.methods import Contender
 
 _METHODS, _SETTINGS = "Methods", "Settings"
 _DISTRIBUTIONS = ("tcp", "uniform")
@@ -161,8 +161,10 @@ def evaluate(
         shown_metrics = _metrics(metrics)
         paths = [find_run(name, expanded(runs_dir)) for name in runs or []]
         names = (methods or ("rules" if paths else "all")).split(",")
-        entries = select([name.strip() for name in names], paths, stochastic, planner_evaluations)
-        plan = _plan(entries, settings, episodes, seed, world)
+        contenders = select(
+            [name.strip() for name in names], paths, stochastic, planner_evaluations
+        )
+        plan = _plan(contenders, settings, episodes, seed, world)
         description = describe_plan(plan, planner_evaluations)
         flown = (
             {} if out is None else read_interrupted(expanded(out), plan, description, print_note)
@@ -288,7 +290,7 @@ def _world(config: Path | None, assignments: list[str]) -> "RunConfig":
 
 
 def _plan(
-    entries: list["Entry"],
+    contenders: list["Contender"],
     settings: list["Setting"],
     episodes: int,
     seed: int,
@@ -296,7 +298,7 @@ def _plan(
 ) -> "Plan":
     from orchid_uav.experiments.evaluation.flights import Plan
 
-    plan = Plan(entries, settings, episodes, seed, world.network_parameters)
+    plan = Plan(contenders, settings, episodes, seed, world.network_parameters)
     plan.check()
     return plan
 
@@ -325,8 +327,8 @@ def _announce(out: Console, plan: "Plan", flown: dict[Any, Any]) -> None:
     print_line(out, f"headings held {holds}")
     distributions = dict.fromkeys(setting.distribution for setting in settings)
     print_line(out, f"distributions {', '.join(distributions)}")
-    total = len(settings) * len(plan.entries) * plan.episodes
-    counts = [(len(settings), "setting"), (len(plan.entries), "method")]
+    total = len(settings) * len(plan.contenders) * plan.episodes
+    counts = [(len(settings), "setting"), (len(plan.contenders), "method")]
     product = " x ".join(f"{count:,} {what}{'' if count == 1 else 's'}" for count, what in counts)
     before = f", {len(flown)} batches of them flown before" if flown else ""
     print_line(out, f"{product} x {plan.episodes:,} topologies = {total:,} flights{before}")
@@ -337,11 +339,11 @@ def _tell_differences(plan: "Plan", world: "RunConfig") -> None:
     from orchid_uav.experiments.evaluation.flights import world_differences
 
     told: set[str] = set()
-    for entry in plan.entries:
-        if entry.policy is not None and entry.policy.run not in told:
-            told.add(entry.policy.run)
-            if not entry.policy.is_complete:
-                print_note(f"run {entry.policy.run} was interrupted")
-            differing = world_differences(entry.policy, world)
+    for contender in plan.contenders:
+        if contender.policy is not None and contender.policy.run not in told:
+            told.add(contender.policy.run)
+            if not contender.policy.is_complete:
+                print_note(f"run {contender.policy.run} was interrupted")
+            differing = world_differences(contender.policy, world)
             if differing:
-                print_note(f"{entry.key} was trained in another world: {', '.join(differing)}")
+                print_note(f"{contender.key} was trained in another world: {', '.join(differing)}")

@@ -55,7 +55,7 @@ MetricOption = Annotated[
     str | None,
     typer.Option(
         help="Columns of episodes.csv, divided by commas (default: reward; in a figure, six).",
-        autocompletion=completion.figures,
+        autocompletion=completion.training_metrics,
         rich_help_panel=_CURVES,
         show_default=False,
     ),
@@ -213,7 +213,7 @@ def compare(
     as_json: JsonOption = False,
     debug: DebugOption = False,
 ) -> None:
-    """Compare runs: the configuration keys that differ, final figures, learning curves.
+    """Compare runs: the configuration keys that differ, final metrics, learning curves.
 
     Example: orchid runs compare 20261122T2112 20261122T2115 --out curves.png
     """
@@ -392,12 +392,12 @@ def _is_confirmed(question: str) -> bool:
 
 
 def _metrics(given: str | None) -> list[str]:
-    from orchid_uav.experiments.runs.index import FIGURES
+    from orchid_uav.experiments.runs.index import TRAINING_METRICS
 
     names = [name.strip() for name in given.split(",")] if given else []
     for name in names:
-        if name not in FIGURES:
-            raise InputError(unknown("metric", name, FIGURES, cutoff=0.4))
+        if name not in TRAINING_METRICS:
+            raise InputError(unknown("metric", name, TRAINING_METRICS, cutoff=0.4))
     return names
 
 

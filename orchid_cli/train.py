@@ -116,7 +116,7 @@ def train(
     track: Annotated[
         list[str] | None,
         typer.Option(
-            help="Export figures as well to: tensorboard (always on), mlflow, trackio.",
+            help="Export metrics as well to: tensorboard (always on), mlflow, trackio.",
             autocompletion=completion.trackers,
             rich_help_panel=OUTPUT_PANEL,
             show_default=False,
@@ -272,7 +272,7 @@ def _reporter(out: Console, quiet: bool) -> "Reporter":
 
 
 def _print_outcome(out: Console, outcome: "TrainingOutcome") -> None:
-    from orchid_uav.cli.progress.training import figure_texts
+    from orchid_uav.cli.progress.training import metric_texts
     from orchid_uav.experiments.runs.directory import FINAL_EPISODES
 
     rows = len(outcome.rows)
@@ -281,7 +281,7 @@ def _print_outcome(out: Console, outcome: "TrainingOutcome") -> None:
         print_table(
             out,
             ["mean of the last episodes", str(min(rows, FINAL_EPISODES))],
-            [[name, text] for name, text in figure_texts(final).items()],
+            [[name, text] for name, text in metric_texts(final).items()],
         )
     resets = ", ".join(map(str, outcome.reset_episodes)) or "none"
     print_line(

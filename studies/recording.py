@@ -61,10 +61,10 @@ def require_commit(
     )
 
 
-def record(settings: Mapping[str, Any], **figures: Any) -> dict[str, Any]:
+def record(settings: Mapping[str, Any], **measured: Any) -> dict[str, Any]:
     """A result with all that is needed to judge it and to get it again.
 
-    Where ``figures`` name what stands there anyway, such as the command, theirs is taken.
+    Where ``measured`` names what stands there anyway, such as the command, theirs is taken.
     """
     host = describe_host()
     del host["name"]
@@ -76,7 +76,7 @@ def record(settings: Mapping[str, Any], **figures: Any) -> dict[str, Any]:
         "load_average": [round(load, 2) for load in os.getloadavg()],
         "versions": describe_versions(),
         "settings": dict(settings),
-        **figures,
+        **measured,
     }
 
 

@@ -58,12 +58,12 @@ def release(run: Path, key: str) -> None:
 
 
 def fly(key: str) -> dict[str, list[float]]:
-    """Every figure of a released policy on the first held-out topologies."""
+    """Every metric of a released policy on the first held-out topologies."""
     setting = Setting()
     plan = Plan(select([key]), [setting], TOPOLOGIES, seed=0, world=Parameters())
     flown, _ = evaluate(plan)
-    (figures,) = flown.values()
-    return {name: values.tolist() for name, values in figures.items()}
+    (metrics,) = flown.values()
+    return {name: values.tolist() for name, values in metrics.items()}
 
 
 def main() -> None:

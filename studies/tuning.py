@@ -17,7 +17,7 @@ from orchid_uav.cli.progress.training import SilentReporter
 from orchid_uav.envs import Parameters
 from orchid_uav.experiments.configuration import Layer, RunConfig, merge
 from orchid_uav.experiments.evaluation.flights import Plan, Setting, evaluate
-from orchid_uav.experiments.evaluation.methods import Entry, select
+from orchid_uav.experiments.evaluation.methods import Contender, select
 from orchid_uav.experiments.runs.directory import RunDirectory
 from orchid_uav.experiments.training.loop import train
 from orchid_uav.storage.files import write_json
@@ -64,12 +64,12 @@ def configure(algorithm: str, values: dict[str, Any], episodes: int) -> RunConfi
     return merge([Layer("tuning", layer)])[0]
 
 
-def score(entry: Entry) -> dict[str, float]:
-    """Mean utility and a few figures over the tuning topologies."""
-    plan = Plan([entry], [Setting()], TOPOLOGIES, SEED, Parameters())
-    (figures,) = evaluate(plan)[0].values()
+def score(contender: Contender) -> dict[str, float]:
+    """Mean utility and a few metrics over the tuning topologies."""
+    plan = Plan([contender], [Setting()], TOPOLOGIES, SEED, Parameters())
+    (metrics,) = evaluate(plan)[0].values()
     names = ("utility", "energy_efficiency_bit_per_joule", "load_jfi", "rate_jfi", "coverage")
-    return {name: float(f"{np.mean(figures[name]):.6g}") for name in names}
+    return {name: float(f"{np.mean(metrics[name]):.6g}") for name in names}
 
 
 def run_trial(algorithm: str, values: dict[str, Any], episodes: int) -> dict[str, Any]:
@@ -78,8 +78,8 @@ def run_trial(algorithm: str, values: dict[str, Any], episodes: int) -> dict[str
     with tempfile.TemporaryDirectory() as directory:
         run = RunDirectory.create(Path(directory), "tuning", config, [])
         outcome = train(config, run, SilentReporter())
-        figures = score(select([], [run.path])[0])
-    return {"values": values, "seconds": round(outcome.seconds, 1), **figures}
+        metrics = score(select([], [run.path])[0])
+    return {"values": values, "seconds": round(outcome.seconds, 1), **metrics}
 
 
 def main() -> None:

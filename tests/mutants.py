@@ -259,7 +259,7 @@ MUTANTS = [
     Mutant(
         "tensors whose checksum nobody looks at",
         "src/orchid_uav/storage/tensors.py",
-        "if checksum_of_file(path, largest_file(kinds)) != checksum:",
+        "if checksum_of_file(path, largest_file(specs)) != checksum:",
         "if False:",
         "storage/test_safe_files.py",
     ),

@@ -12,7 +12,7 @@ Actions = NDArray[np.float64]
 """(B, N, 4) in [-1, 1]: moves along x, y, z, and transmit power."""
 
 
-class Method(Protocol):
+class Controller(Protocol):
     """Given a batch of worlds, returns actions."""
 
     def begin(self, world: WorldBatch) -> None:

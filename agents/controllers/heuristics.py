@@ -143,7 +143,7 @@ def _most_balanced(
 ) -> int:
     trial = WorldBatch(world.parameters, worlds=len(starts_m), seed=0)
     alike = repeat_topology(world, index, len(starts_m))
-    trial.begin(alike._replace(start_m=starts_m, target_users=targets))
+    trial.use_topology(alike._replace(start_m=starts_m, target_users=targets))
     metrics = trial.arrays.metrics
     return int(np.argmax(metrics[:, LOAD_JFI] + metrics[:, RATE_JFI]))
 

@@ -161,7 +161,7 @@ class _Judge:
 
     def take(self, world: WorldBatch, index: int) -> None:
         """Judge on the topology of one world from now on."""
-        self._trial.begin(repeat_topology(world, index, self._trial.world_count))
+        self._trial.use_topology(repeat_topology(world, index, self._trial.world_count))
 
     def plans_at(self, starts_m: Floats) -> Floats:
         """Plans (starts, N, 4) at horizontal positions (starts, N, 2), with full power."""

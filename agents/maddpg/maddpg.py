@@ -27,7 +27,7 @@ from orchid_uav.agents.centralized_training import CentralizedTraining, Rows, si
 from orchid_uav.agents.maddpg.policy import JointCriticPolicy
 from orchid_uav.agents.maddpg.replay_buffer import JointBatch, JointReplayBuffer
 from orchid_uav.agents.networks import check_spaces
-from orchid_uav.storage.tensors import TensorKind, Tensors
+from orchid_uav.storage.tensors import Tensors, TensorSpec
 
 _SMALLEST_STD = 1e-12
 _REPLAY = "replay"
@@ -241,10 +241,10 @@ class MADDPG(CentralizedTraining, OffPolicyAlgorithm):
         document |= {"rows": self._rows, "replay": self.replay_buffer.place()}
         return document, tensors | {_REPLAY: self.replay_buffer.stored()}
 
-    def training_state_kinds(self, document: Mapping[str, Any]) -> dict[str, dict[str, TensorKind]]:
+    def training_state_specs(self, document: Mapping[str, Any]) -> dict[str, dict[str, TensorSpec]]:
         """As of both learners, and of the replay buffer."""
-        kinds = self.replay_buffer.stored_kinds(document["replay"])
-        return super().training_state_kinds(document) | {_REPLAY: kinds}
+        specs = self.replay_buffer.stored_specs(document["replay"])
+        return super().training_state_specs(document) | {_REPLAY: specs}
 
     def restore_training_state(
         self, document: Mapping[str, Any], tensors: Mapping[str, Tensors]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.buffers import BaseBuffer
 
 from orchid_uav.agents.centralized_training import Rows
-from orchid_uav.storage.tensors import TensorKind, Tensors
+from orchid_uav.storage.tensors import Tensors, TensorSpec
 
 Floats = NDArray[np.float32]
 
@@ -136,7 +136,7 @@ class JointReplayBuffer(BaseBuffer):
             name: array[:size] for name, array in zip(JointBatch._fields, self.arrays, strict=True)
         }
 
-    def stored_kinds(self, place: Mapping[str, Any]) -> dict[str, TensorKind]:
+    def stored_specs(self, place: Mapping[str, Any]) -> dict[str, TensorSpec]:
         """Shapes and types of what is stored where the next transition goes to ``place``.
 
         Raises:
@@ -147,13 +147,13 @@ class JointReplayBuffer(BaseBuffer):
             raise ValueError(f"no place in a buffer of {self.buffer_size}: {pos!r}, {full!r}")
         size = self.buffer_size if full else pos
         return {
-            name: TensorKind((size, *array.shape[1:]), array.dtype)
+            name: TensorSpec((size, *array.shape[1:]), array.dtype)
             for name, array in zip(JointBatch._fields, self.arrays, strict=True)
         }
 
     def restore(self, place: Mapping[str, Any], stored: Tensors) -> None:
         """Hold what another buffer of this size held."""
-        self.stored_kinds(place)
+        self.stored_specs(place)
         self.pos, self.full = place["pos"], place["full"]
         for name, array in zip(JointBatch._fields, self.arrays, strict=True):
             array[: self.size()] = stored[name]

@@ -21,8 +21,8 @@ from orchid_uav.agents.mappo.policy import CentralizedCriticPolicy
 from orchid_uav.agents.mappo.rollout_buffer import CentralizedRolloutBuffer, MiniBatch
 from orchid_uav.agents.networks import check_spaces
 
-_FIGURES = ("policy_gradient_loss", "value_loss", "entropy", "approx_kl", "clip_fraction")
-_KL_FIGURE = _FIGURES.index("approx_kl")
+_METRICS = ("policy_gradient_loss", "value_loss", "entropy", "approx_kl", "clip_fraction")
+_KL_METRIC = _METRICS.index("approx_kl")
 _ROWS_PER_FORWARD = 8192
 """Rows of one forward pass without gradients, which bounds the memory of large batches."""
 
@@ -187,17 +187,17 @@ class MAPPO(CentralizedTraining, PPO):
             if not self._train_epoch(measured):
                 break
             self._n_updates += 1
-        figures = dict(zip(_FIGURES, torch.stack(measured).mean(dim=0).tolist(), strict=True))
-        self._check_losses(figures)
-        self._log_update(figures)
+        metrics = dict(zip(_METRICS, torch.stack(measured).mean(dim=0).tolist(), strict=True))
+        self._check_losses(metrics)
+        self._log_update(metrics)
 
     def _train_epoch(self, measured: list[torch.Tensor]) -> bool:
         """One pass over the rollout; False if ``target_kl`` was exceeded."""
         groups = self.policy.actor_parameters(), self.policy.critic_parameters()
         for batch in self.rollout_buffer.get(self.batch_size):
-            loss, figures = self._loss(batch)
-            measured.append(figures)
-            if self.target_kl is not None and figures[_KL_FIGURE] > 1.5 * self.target_kl:
+            loss, metrics = self._loss(batch)
+            measured.append(metrics)
+            if self.target_kl is not None and metrics[_KL_METRIC] > 1.5 * self.target_kl:
                 return False
             self.policy.optimizer.zero_grad()
             loss.backward()
@@ -207,7 +207,7 @@ class MAPPO(CentralizedTraining, PPO):
         return True
 
     def _loss(self, batch: MiniBatch) -> tuple[torch.Tensor, torch.Tensor]:
-        """Loss to minimise, and the figures named ``_FIGURES``."""
+        """Loss to minimise, and the metrics named ``_METRICS``."""
         progress = self._current_progress_remaining
         clip_range = cast(Schedule, self.clip_range)(progress)
         distribution = self._distribution(batch.observations)
@@ -229,8 +229,8 @@ class MAPPO(CentralizedTraining, PPO):
         with torch.no_grad():
             divergence = (ratio - 1.0 - log_ratio).mean()  # Schulman's low-variance estimate
             clip_fraction = ((ratio - 1.0).abs() > clip_range).float().mean()
-            figures = torch.stack([policy_loss, value_loss, entropy, divergence, clip_fraction])
-        return loss, figures
+            metrics = torch.stack([policy_loss, value_loss, entropy, divergence, clip_fraction])
+        return loss, metrics
 
     def _distribution(self, observations: torch.Tensor) -> Distribution:
         try:
@@ -240,10 +240,10 @@ class MAPPO(CentralizedTraining, PPO):
                 f"update {self._n_updates + 1}: mean or deviation of the actions is not finite"
             ) from error
 
-    def _log_update(self, figures: dict[str, float]) -> None:
+    def _log_update(self, metrics: dict[str, float]) -> None:
         self._log_learning_rates()
-        for name, figure in figures.items():
-            self.logger.record(f"train/{name}", figure)
+        for name, metric in metrics.items():
+            self.logger.record(f"train/{name}", metric)
         rows = self.rollout_buffer.rows
         values, returns = self.rollout_buffer.values, self.rollout_buffer.returns
         self.logger.record(

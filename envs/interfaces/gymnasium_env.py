@@ -20,7 +20,7 @@ Rows = NDArray[np.float32]
 class FleetEnv(gymnasium.Env[Rows, Rows]):
     """Joint problem: observation (N, 16), action (N, 4), reward the mean over UAVs.
 
-    ``info["metrics"]`` holds the slot's fleet figures, and at the end ``info["episode_metrics"]``
+    ``info["metrics"]`` holds the slot's fleet metrics, and at the end ``info["episode_metrics"]``
     the episode's. The keywords are those of :func:`orchid_uav.envs.parallel_env`.
     """
 
@@ -69,7 +69,7 @@ class FleetEnv(gymnasium.Env[Rows, Rows]):
 class FleetVectorEnv(VectorEnv[Rows, Rows, NDArray[Any]]):
     """Many joint problems stepped as one batch.
 
-    ``info["metrics"]`` holds the slot's figures as arrays over worlds, and where an episode has
+    ``info["metrics"]`` holds the slot's metrics as arrays over worlds, and where an episode has
     ended (``info["_episode_metrics"]``), ``info["episode_metrics"]`` its figures. What follows an
     episode's end is Gymnasium's to define:
 
@@ -153,10 +153,10 @@ class FleetVectorEnv(VectorEnv[Rows, Rows, NDArray[Any]]):
 
     def _ends(self, truncated: NDArray[np.bool_]) -> dict[str, Any]:
         episodes = [self.world.episode_metrics(world) for world in range(self.num_envs)]
-        figures = {
+        metrics = {
             name: np.array([episode[name] for episode in episodes]) for name in EPISODE_METRICS
         }
-        return {"episode_metrics": figures, "_episode_metrics": truncated}
+        return {"episode_metrics": metrics, "_episode_metrics": truncated}
 
     def _last_views(self, truncated: NDArray[np.bool_], info: dict[str, Any]) -> dict[str, Any]:
         final_observations = np.empty(self.num_envs, dtype=object)

@@ -19,7 +19,7 @@ class FleetParallelEnv(ParallelEnv[str, Observation, Observation]):
     """One world, an agent ``uav_0`` … ``uav_{N-1}`` per UAV.
 
     Episodes end by truncation alone, after ``network.episode_slots`` slots (decision M15). After
-    each step ``infos[agent]["metrics"]`` holds the slot's fleet figures, and after the last one
+    each step ``infos[agent]["metrics"]`` holds the slot's fleet metrics, and after the last one
     ``infos[agent]["episode_metrics"]`` the episode's.
 
     Args:

@@ -9,7 +9,7 @@ from typing import Any
 
 from orchid_uav.callbacks.reset_and_finetune import has_plateaued
 from orchid_uav.envs.metrics import REWARD
-from orchid_uav.experiments.ablation.variants import BASE, Variant, applied
+from orchid_uav.experiments.ablation.variants import BASE, Variant, apply_variant
 from orchid_uav.experiments.configuration import (
     LEARNING_SECTIONS,
     RunConfig,
@@ -19,14 +19,14 @@ from orchid_uav.experiments.configuration import (
 from orchid_uav.experiments.evaluation.flights import Plan, Setting
 from orchid_uav.experiments.evaluation.methods import (
     METHOD_KEYS,
-    Entry,
+    Contender,
     Policy,
-    read_run,
+    read_policy,
     rows_of,
     rules,
 )
 from orchid_uav.experiments.metrics import METRICS
-from orchid_uav.experiments.runs.directory import FINAL_EPISODES, Row, final_figures
+from orchid_uav.experiments.runs.directory import FINAL_EPISODES, Row, final_metrics
 from orchid_uav.experiments.statistics.comparison import (
     compare_families,
     compare_pairs,
@@ -42,11 +42,11 @@ FLOWN = (
     "worst_rate_bps",
     "utility",
 )
-"""Figures of the held-out topologies that are compared: one family of tests per variant."""
+"""Metrics of the held-out topologies that are compared: one family of tests per variant."""
 TRAINED = (REWARD, *FLOWN[:-1])
-"""Figures of the last training episodes that are compared: another family per variant."""
+"""Metrics of the last training episodes that are compared: another family per variant."""
 SETTLED = (151, 200)
-"""Episodes that the last ones are compared with, to see whether a figure falls late (claim C4)."""
+"""Episodes that the last ones are compared with, to see whether a metric falls late (claim C4)."""
 NOT_COMPARED = "not compared"
 """Verdict on the rewards of two different functions."""
 WINDOWS = (10, 25, 50, 100)
@@ -54,7 +54,7 @@ TOLERANCES = (0.01, 0.02, 0.05, 0.1)
 """For which Reset-and-Finetune's trigger is replayed on runs that had none."""
 
 Values = dict[str, list[float]]
-"""By figure, one value per seed, NaN for a run that failed."""
+"""By metric, one value per seed, NaN for a run that failed."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class Ablation:
 
     def configurations(self) -> dict[str, RunConfig]:
         """By name, of the base and all variants, with the base's seed."""
-        own = {variant.name: applied(variant, self.base) for variant in self.variants}
+        own = {variant.name: apply_variant(variant, self.base) for variant in self.variants}
         return {BASE: self.base, **own}
 
     def rewarded_otherwise(self) -> list[str]:
@@ -110,21 +110,21 @@ class Ablation:
             policies: by variant and seed; those of failed runs are missing.
         """
         objectives: dict[str, None] = {}
-        entries: list[Entry] = []
+        contenders: list[Contender] = []
         for (name, seed), policy in policies.items():
             objectives[policy.config.reward.objective] = None
             own = world_values(policy.config, self.base)
             is_first = seed == next(other for key, other in policies if key == name)
-            entries += [
-                entry.with_overrides(own)
+            contenders += [
+                contender.with_overrides(own)
                 for is_zero in (False, True)
-                for entry in rows_of(policy, key_of(name, seed), name, True, is_zero)
+                for contender in rows_of(policy, key_of(name, seed), name, True, is_zero)
                 # Without noise the twins of all seeds do the same.
-                if not is_zero or not entry.deterministic or is_first
+                if not is_zero or not contender.deterministic or is_first
             ]
         shown = [f"{rule}-{objective}" for rule in ("static", "loiter") for objective in objectives]
         catalogue = rules()
-        entries += [catalogue[key] for key in [*shown, "balanced-loiter"]]
+        contenders += [catalogue[key] for key in [*shown, "balanced-loiter"]]
         network = self.base.network
         setting = Setting(
             network.distribution,
@@ -134,7 +134,7 @@ class Ablation:
             network.heading_hold_s,
         )
         world = self.base.network_parameters
-        return Plan(entries, [setting], self.topologies, self.evaluation_seed, world)
+        return Plan(contenders, [setting], self.topologies, self.evaluation_seed, world)
 
 
 def with_seed(config: RunConfig, seed: int) -> RunConfig:
@@ -175,30 +175,30 @@ def differing_worlds(ablation: Ablation) -> dict[str, list[str]]:
 def read_policies(jobs: Iterable[TrainingJob]) -> dict[tuple[str, int], Policy]:
     """Policies of the runs that are complete, by name and seed."""
     found = [(job, job.completed()) for job in jobs]
-    return {(job.name, job.config.training.seed): read_run(path) for job, path in found if path}
+    return {(job.name, job.config.training.seed): read_policy(path) for job, path in found if path}
 
 
 def flown_values(
     results: Iterable[Mapping[str, Any]], name: str, seeds: Sequence[int], deterministic: bool
 ) -> Values:
-    """Mean over the topologies, per figure and seed."""
+    """Mean over the topologies, per metric and seed."""
     found = {
         result["method"]: result for result in results if result["deterministic"] == deterministic
     }
     nothing = {"mean": None}
     return {
-        figure: [
-            _number(found.get(key_of(name, seed), {}).get(figure, nothing)["mean"])
+        metric: [
+            _number(found.get(key_of(name, seed), {}).get(metric, nothing)["mean"])
             for seed in seeds
         ]
-        for figure in FLOWN
+        for metric in FLOWN
     }
 
 
 def trained_values(logs: Sequence[Sequence[Row]]) -> Values:
-    """Means of the last training episodes, per figure and run; of no rows, NaN."""
-    finals = [final_figures(rows) for rows in logs]
-    return {figure: [_number(final.get(figure)) for final in finals] for figure in TRAINED}
+    """Means of the last training episodes, per metric and run; of no rows, NaN."""
+    finals = [final_metrics(rows) for rows in logs]
+    return {metric: [_number(final.get(metric)) for final in finals] for metric in TRAINED}
 
 
 def _number(value: float | None) -> float:
@@ -207,44 +207,44 @@ def _number(value: float | None) -> float:
 
 def compare(
     values: Mapping[str, Values],
-    figures: Sequence[str],
+    metrics: Sequence[str],
     margin: float,
     rewarded_otherwise: Collection[str] = (),
 ) -> dict[str, dict[str, dict[str, Any]]]:
-    """Every variant against the base, figure by figure; the figures of a variant are one family.
+    """Every variant against the base, metric by metric; the metrics of a variant are one family.
 
     Args:
         values: of the base and all variants.
-        figures: those that are compared.
+        metrics: those that are compared.
         margin: of equivalence, as a share of the base's mean.
         rewarded_otherwise: variants whose reward is another function than the base's, and so no
-            figure to compare: its verdict is "not compared", and it belongs to no family.
+            metric to compare: its verdict is "not compared", and it belongs to no family.
     """
-    better = {figure: METRICS[figure].better or "higher" for figure in figures}
+    better = {metric: METRICS[metric].better or "higher" for metric in metrics}
     margins = {}
-    for figure in figures:
-        reached = [value for value in values[BASE][figure] if math.isfinite(value)]
+    for metric in metrics:
+        reached = [value for value in values[BASE][metric] if math.isfinite(value)]
         if reached and fmean(reached):
-            margins[figure] = margin * abs(fmean(reached))
+            margins[metric] = margin * abs(fmean(reached))
     comparisons = {}
     for name, own in values.items():
         if name == BASE:
             continue
         apart = [REWARD] if name in rewarded_otherwise and REWARD in better else []
-        judged = {figure: way for figure, way in better.items() if figure not in apart}
-        own_margins = {figure: one for figure, one in margins.items() if figure in judged}
+        judged = {metric: way for metric, way in better.items() if metric not in apart}
+        own_margins = {metric: one for metric, one in margins.items() if metric in judged}
         found = compare_families(values[BASE], {name: own}, judged, own_margins)[name]
         comparisons[name] = {
-            figure: found[figure]
-            if figure in found
-            else _uncompared(values[BASE][figure], own[figure])
-            for figure in better
+            metric: found[metric]
+            if metric in found
+            else _uncompared(values[BASE][metric], own[metric])
+            for metric in better
         }
     return comparisons
 
 
 def _uncompared(base: Sequence[float], variant: Sequence[float]) -> dict[str, Any]:
-    """As of a figure that is compared, with nothing but the counts of runs."""
+    """As of a metric that is compared, with nothing but the counts of runs."""
     counts = ("n", "seeds", "failed_base", "failed_variant")
     nothing = dict.fromkeys(("mean", "median", "iqm", "ci95", "ci95_of"))
     return {
@@ -254,15 +254,15 @@ def _uncompared(base: Sequence[float], variant: Sequence[float]) -> dict[str, An
 
 
 def describe_values(values: Mapping[str, Values]) -> dict[str, dict[str, dict[str, Any]]]:
-    """Interquartile mean, mean, median and spread over seeds, by variant and figure."""
+    """Interquartile mean, mean, median and spread over seeds, by variant and metric."""
     return {
-        name: {figure: describe_seeds(per_seed) for figure, per_seed in own.items()}
+        name: {metric: describe_seeds(per_seed) for metric, per_seed in own.items()}
         for name, own in values.items()
     }
 
 
 def late_changes(logs: Mapping[str, Sequence[Sequence[Row]]]) -> dict[str, Any] | None:
-    """By variant and figure, the last episodes' mean minus that of ``SETTLED``, over seeds.
+    """By variant and metric, the last episodes' mean minus that of ``SETTLED``, over seeds.
 
     None where runs are too short for that.
     """
@@ -271,19 +271,19 @@ def late_changes(logs: Mapping[str, Sequence[Sequence[Row]]]) -> dict[str, Any] 
         return None
     return {
         name: {
-            figure: describe_seeds([_late_change(rows, figure) for rows in own])
-            for figure in TRAINED
+            metric: describe_seeds([_late_change(rows, metric) for rows in own])
+            for metric in TRAINED
         }
         for name, own in logs.items()
     }
 
 
-def _late_change(rows: Sequence[Row], figure: str) -> float:
+def _late_change(rows: Sequence[Row], metric: str) -> float:
     """NaN for a run that failed."""
     if not rows:
         return math.nan
     first, last = SETTLED
-    values = [row[figure] for row in rows]
+    values = [row[metric] for row in rows]
     return fmean(values[-FINAL_EPISODES:]) - fmean(values[first - 1 : last])
 
 

@@ -229,8 +229,8 @@ class AblationStudy:
             "runs": [self._describe_run(job, families) for job in self.training_jobs],
             "values": {kind: describe_values(values) for kind, (values, _) in families.items()},
             "comparisons": {
-                kind: compare(values, figures, ablation.margin, ablation.rewarded_otherwise())
-                for kind, (values, figures) in families.items()
+                kind: compare(values, metrics, ablation.margin, ablation.rewarded_otherwise())
+                for kind, (values, metrics) in families.items()
             },
             "others": [result for result in results if result["method"] not in own_keys],
             "late_changes": late_changes(logs),
@@ -249,7 +249,7 @@ class AblationStudy:
     def _describe_run(
         self, job: TrainingJob, families: Mapping[str, tuple[Mapping[str, Any], Any]]
     ) -> dict[str, Any]:
-        """A run's figures, one number each: what the comparisons are made from."""
+        """A run's metrics, one number each: what the comparisons are made from."""
         path, seed = job.find(), job.config.training.seed
         record = read_record(path) if path else {}
         index = list(self.ablation.seeds).index(seed)
@@ -264,8 +264,8 @@ class AblationStudy:
             "error": record.get("error"),
             **{
                 kind: {
-                    figure: _json_number(per_seed[index])
-                    for figure, per_seed in values[job.name].items()
+                    metric: _json_number(per_seed[index])
+                    for metric, per_seed in values[job.name].items()
                 }
                 for kind, (values, _) in families.items()
             },

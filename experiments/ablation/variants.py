@@ -70,7 +70,7 @@ def control(name: str, base: RunConfig) -> Variant:
     return Variant(name, values[name])
 
 
-def listed(option: str, key: str, values: Iterable[Any]) -> list[Variant]:
+def variants_of_values(option: str, key: str, values: Iterable[Any]) -> list[Variant]:
     """A variant for each value of one key, named by the option."""
     return [Variant(_name(f"{option}-{value}"), {key: value}) for value in values]
 
@@ -88,7 +88,7 @@ def _name(text: str) -> str:
     return re.sub(r"[^A-Za-z0-9._-]+", "-", text).strip("-._")[:_LONGEST_NAME] or "variant"
 
 
-def applied(variant: Variant, base: RunConfig) -> RunConfig:
+def apply_variant(variant: Variant, base: RunConfig) -> RunConfig:
     """The configuration of a variant.
 
     Raises:
@@ -120,7 +120,7 @@ def check_variants(variants: Sequence[Variant], base: RunConfig) -> list[str]:
         notes.append(spare_uavs)
     known = {BASE: base}
     for variant in variants:
-        config = applied(variant, base)
+        config = apply_variant(variant, base)
         if variant.name in known:
             raise InputError(f"two variants are called '{variant.name}': leave one of them out")
         if config.training.seed != base.training.seed:

@@ -25,7 +25,7 @@ from orchid_uav.experiments.evaluation.flights import (
     summarise_flights,
 )
 from orchid_uav.experiments.interruption import Raising, interruption_requests
-from orchid_uav.experiments.metrics import EPISODE_FIGURES
+from orchid_uav.experiments.metrics import EVALUATION_METRICS
 from orchid_uav.experiments.provenance import describe_host, describe_versions
 from orchid_uav.experiments.statistics.intervals import INTERVAL
 from orchid_uav.notices import warn_once
@@ -54,18 +54,20 @@ def make_default_directory(parent: Path = DEFAULT_PARENT) -> Path:
 
 
 def describe_plan(plan: Plan, planner_evaluations: int) -> dict[str, Any]:
-    """What defines an evaluation: two of equal descriptions give equal figures."""
+    """What defines an evaluation: two of equal descriptions give equal metrics."""
     settings = plan.settings
     return {
         "methods": [
             {
-                "method": entry.key,
-                "run": entry.policy.run if entry.policy else None,
-                "sha256": entry.policy.actor.description.get("sha256") if entry.policy else None,
-                "deterministic": entry.deterministic,
-                "overrides": dict(entry.overrides),
+                "method": contender.key,
+                "run": contender.policy.run if contender.policy else None,
+                "sha256": contender.policy.actor.description.get("sha256")
+                if contender.policy
+                else None,
+                "deterministic": contender.deterministic,
+                "overrides": dict(contender.overrides),
             }
-            for entry in plan.entries
+            for contender in plan.contenders
         ],
         "distributions": list(dict.fromkeys(setting.distribution for setting in settings)),
         "uavs": list(dict.fromkeys(setting.uavs for setting in settings)),
@@ -123,7 +125,7 @@ def read_interrupted(
     except (OSError, pa.ArrowException) as error:
         raise InputError(f"cannot read {directory / EPISODES_FILE}: {error}") from error
     names = list(describe(next(plan.flights())))
-    missing = [name for name in (*names, *EPISODE_FIGURES) if name not in table.column_names]
+    missing = [name for name in (*names, *EVALUATION_METRICS) if name not in table.column_names]
     if missing:
         note(
             f"what --out {directory} holds is of another version, which did not measure "
@@ -138,13 +140,13 @@ def read_interrupted(
         found = groups.get(tuple(describe(flight).values()), [])
         if len(found) == plan.episodes:
             flown[flight.key] = {
-                name: np.array([row[name] for row in found], float) for name in EPISODE_FIGURES
+                name: np.array([row[name] for row in found], float) for name in EVALUATION_METRICS
             }
     return flown
 
 
 def reserve_directory(directory: Path) -> None:
-    """Make the directory, so that nothing is flown whose figures could not be kept.
+    """Make the directory, so that nothing is flown whose metrics could not be kept.
 
     Raises:
         InputError: it cannot be written.
@@ -164,8 +166,8 @@ def episodes_table(plan: Plan, flown: Flown) -> pa.Table:
         if flight.key not in flown:
             continue
         described = describe(flight) | {"episode": list(range(plan.episodes)), "seed": seeds}
-        figures = {name: flown[flight.key][name].tolist() for name in EPISODE_FIGURES}
-        for name, values in (described | figures).items():
+        metrics = {name: flown[flight.key][name].tolist() for name in EVALUATION_METRICS}
+        for name, values in (described | metrics).items():
             repeated = values if isinstance(values, list) else [values] * plan.episodes
             columns.setdefault(name, []).extend(repeated)
     return pa.table(columns)

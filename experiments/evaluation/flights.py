@@ -16,13 +16,13 @@ from orchid_uav.envs.seeds import evaluation_seeds
 from orchid_uav.envs.world import Topologies, WorldBatch
 from orchid_uav.experiments.configuration import LEARNING_SECTIONS, SETTING_KEYS, RunConfig, flatten
 from orchid_uav.experiments.errors import InputError, RunFailedError
-from orchid_uav.experiments.evaluation.methods import METHOD_KEYS, Entry, Policy
-from orchid_uav.experiments.metrics import EPISODE_FIGURES, HEADROOM
+from orchid_uav.experiments.evaluation.methods import METHOD_KEYS, Contender, Policy
+from orchid_uav.experiments.metrics import EVALUATION_METRICS, HEADROOM
 from orchid_uav.experiments.statistics.intervals import interval, summarise
 
 Floats = NDArray[np.float64]
-Figures = dict[str, Floats]
-"""Every figure of ``EPISODE_FIGURES`` for all episodes of a flight, (episodes,)."""
+Metrics = dict[str, Floats]
+"""Every metric of ``EVALUATION_METRICS`` for all episodes of a flight, (episodes,)."""
 
 FLOOR, CEILING = "loiter-mmf", "planner"
 """Methods between whose utilities the headroom lies."""
@@ -54,7 +54,7 @@ class Setting(NamedTuple):
 class Plan:
     """What is to be flown."""
 
-    entries: Sequence[Entry]
+    contenders: Sequence[Contender]
     settings: Sequence[Setting]
     episodes: int
     seed: int
@@ -62,27 +62,27 @@ class Plan:
 
     def flights(self) -> Iterator["Flight"]:
         """All flights, setting by setting."""
-        for setting, entry in itertools.product(self.settings, self.entries):
-            yield Flight(setting, entry)
+        for setting, contender in itertools.product(self.settings, self.contenders):
+            yield Flight(setting, contender)
 
     def check(self) -> None:
         """Raise InputError for a setting that cannot be flown, before any is."""
         for setting in self.settings:
             parameters = setting.apply(self.world)
-            for entry in self.entries:
-                parameters.with_overrides(dict(entry.overrides))
+            for contender in self.contenders:
+                parameters.with_overrides(dict(contender.overrides))
 
 
 class Flight(NamedTuple):
     """A method in a setting."""
 
     setting: Setting
-    entry: Entry
+    contender: Contender
 
     @property
     def key(self) -> tuple[Any, ...]:
         """What tells this flight from all others of an evaluation."""
-        return (*self.setting, self.entry.key, self.entry.deterministic)
+        return (*self.setting, self.contender.key, self.contender.deterministic)
 
 
 class Progress(Protocol):
@@ -117,8 +117,8 @@ class SilentProgress:
         """Nothing."""
 
 
-Flown = dict[tuple[Any, ...], Figures]
-"""Figures by :attr:`Flight.key`."""
+Flown = dict[tuple[Any, ...], Metrics]
+"""Metrics by :attr:`Flight.key`."""
 
 
 def evaluate(
@@ -138,7 +138,7 @@ def evaluate(
         stop: asked in every slot, since libraries lose a KeyboardInterrupt in what they call back.
 
     Returns:
-        The figures by flight, and whether all flights were flown: KeyboardInterrupt ends the
+        The metrics by flight, and whether all flights were flown: KeyboardInterrupt ends the
         evaluation and loses the flight that was going on.
     """
 
@@ -151,7 +151,7 @@ def evaluate(
     waiting = [flight for flight in plan.flights() if flight.key not in done]
     progress.begin(sum(_cost(flight) for flight in waiting))
     try:
-        # One thread: small matrices, and figures that do not depend on the number of cores.
+        # One thread: small matrices, and metrics that do not depend on the number of cores.
         with threadpool_limits(1):
             for setting, flights in itertools.groupby(waiting, lambda flight: flight.setting):
                 topologies = _Topologies(plan, setting)
@@ -184,7 +184,7 @@ def world_differences(policy: Policy, world: RunConfig) -> list[str]:
 
 
 def _cost(flight: Flight) -> float:
-    return flight.entry.cost * flight.setting.uavs
+    return flight.contender.cost * flight.setting.uavs
 
 
 class _Topologies:
@@ -195,9 +195,9 @@ class _Topologies:
         self._parameters = setting.apply(plan.world)
         self._drawn: dict[Any, Topologies] = {}
 
-    def of(self, entry: Entry) -> tuple[Parameters, Topologies]:
+    def of(self, contender: Contender) -> tuple[Parameters, Topologies]:
         """The parameters that a method flies with, and its topologies."""
-        parameters = self._parameters.with_overrides(dict(entry.overrides))
+        parameters = self._parameters.with_overrides(dict(contender.overrides))
         # Nothing that is drawn depends on reward and shares.
         kind = parameters.model_dump_json(exclude={"reward"})
         if kind not in self._drawn:
@@ -219,18 +219,18 @@ def _fly(
     topologies: _Topologies,
     progress: Progress,
     heed_stop: Callable[[], None],
-) -> Figures:
-    parameters, all_topologies = topologies.of(flight.entry)
-    parts: list[Figures] = []
+) -> Metrics:
+    parameters, all_topologies = topologies.of(flight.contender)
+    parts: list[Metrics] = []
     first = 0
     progress.start(flight)
     for seeds in in_batches(topologies.seeds):
         some = all_topologies.chosen(slice(first, first + len(seeds)))
         first += len(seeds)
         cost = _cost(flight) * len(seeds) / plan.episodes
-        batch = _fly_batch(flight.entry, parameters, some, seeds, progress, cost, heed_stop)
+        batch = _fly_batch(flight.contender, parameters, some, seeds, progress, cost, heed_stop)
         parts.append(batch)
-    return {name: np.concatenate([part[name] for part in parts]) for name in EPISODE_FIGURES}
+    return {name: np.concatenate([part[name] for part in parts]) for name in EVALUATION_METRICS}
 
 
 def in_batches(seeds: Sequence[int]) -> Iterator[Sequence[int]]:
@@ -240,18 +240,18 @@ def in_batches(seeds: Sequence[int]) -> Iterator[Sequence[int]]:
 
 
 def _fly_batch(
-    entry: Entry,
+    contender: Contender,
     parameters: Parameters,
     topologies: Topologies,
     seeds: Sequence[int],
     progress: Progress,
     cost: float,
     heed_stop: Callable[[], None],
-) -> Figures:
+) -> Metrics:
     world = WorldBatch(parameters, worlds=len(seeds), seed=0)
     world.set_progress(1.0)
-    world.begin(topologies)
-    method = entry.make(seeds)
+    world.use_topology(topologies)
+    method = contender.make(seeds)
 
     def plan_made() -> None:
         progress.advance(cost / len(seeds))
@@ -272,17 +272,17 @@ def _fly_batch(
         world.episode_metrics(index) | diagnostics.episode_metrics(index)
         for index in range(len(seeds))
     ]
-    return {name: np.array([episode[name] for episode in episodes]) for name in EPISODE_FIGURES}
+    return {name: np.array([episode[name] for episode in episodes]) for name in EVALUATION_METRICS}
 
 
 def summarise_flights(
-    plan: Plan, flown: Mapping[tuple[Any, ...], Figures], with_intervals: bool = True
+    plan: Plan, flown: Mapping[tuple[Any, ...], Metrics], with_intervals: bool = True
 ) -> list[dict[str, Any]]:
     """The "results" of ``summary.json``: one for every flight that was flown.
 
     Args:
         plan: what was to be flown.
-        flown: figures by flight.
+        flown: metrics by flight.
         with_intervals: whether to compute confidence intervals, which take most of the time, and
             the headroom, which is told from nothing by one.
     """
@@ -290,42 +290,42 @@ def summarise_flights(
     for flight in plan.flights():
         if flight.key not in flown:
             continue
-        figures = flown[flight.key]
+        metrics = flown[flight.key]
         results.append(
             describe(flight)
-            | {"episodes": plan.episodes, "comparable": flight.entry.is_comparable}
-            | {name: summarise(figures[name], with_intervals) for name in EPISODE_FIGURES}
-            | {HEADROOM: _headroom(flight, figures, flown if with_intervals else {})}
+            | {"episodes": plan.episodes, "comparable": flight.contender.is_comparable}
+            | {name: summarise(metrics[name], with_intervals) for name in EVALUATION_METRICS}
+            | {HEADROOM: _headroom(flight, metrics, flown if with_intervals else {})}
         )
     return results
 
 
 def describe(flight: Flight) -> dict[str, Any]:
     """What was flown, and where, as in the results and in the table of episodes."""
-    setting, entry = flight
+    setting, contender = flight
     return {
-        "method": entry.key,
-        "run": entry.policy.run if entry.policy else None,
-        "objective": entry.overrides["reward.objective"],
+        "method": contender.key,
+        "run": contender.policy.run if contender.policy else None,
+        "objective": contender.overrides["reward.objective"],
         **setting._asdict(),
-        "deterministic": entry.deterministic,
+        "deterministic": contender.deterministic,
     }
 
 
 def _headroom(
-    flight: Flight, figures: Figures, flown: Mapping[tuple[Any, ...], Figures]
+    flight: Flight, metrics: Metrics, flown: Mapping[tuple[Any, ...], Metrics]
 ) -> dict[str, Any]:
     floor = flown.get((*flight.setting, FLOOR, True))
     ceiling = flown.get((*flight.setting, CEILING, True))
     unknown = {"mean": None, "std": None, "ci95": None}
-    if floor is None or ceiling is None or not flight.entry.is_comparable:
+    if floor is None or ceiling is None or not flight.contender.is_comparable:
         return unknown
 
     def share(own: Floats, low: Floats, high: Floats, axis: int) -> Floats:
         room = np.mean(high, axis=axis) - np.mean(low, axis=axis)
         return (np.mean(own, axis=axis) - np.mean(low, axis=axis)) / room
 
-    samples = figures["utility"], floor["utility"], ceiling["utility"]
+    samples = metrics["utility"], floor["utility"], ceiling["utility"]
     room = summarise(samples[2] - samples[1])
     if room["mean"] <= 0.0 or (room["ci95"] and room["ci95"][0] <= 0.0):
         return unknown  # no room to speak of

@@ -6,7 +6,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from orchid_uav.agents.controllers.controller import Method
+from orchid_uav.agents.controllers.controller import Controller
 from orchid_uav.agents.controllers.heuristics import BalancedLoiter, Hover, Loiter, Track
 from orchid_uav.agents.controllers.learned import ExplorationNoise, Learned, ZeroAction
 from orchid_uav.agents.controllers.planner import EVALUATIONS, Planner
@@ -56,14 +56,14 @@ class Policy:
 
 
 @dataclass(frozen=True)
-class Entry:
+class Contender:
     """One row of an evaluation."""
 
     key: str
     idea: str
     overrides: Mapping[str, Any]
     """Parameters that belong to the method, by ``"section.key"``."""
-    make: Callable[[Sequence[int]], Method]
+    make: Callable[[Sequence[int]], Controller]
     """The method, for worlds of the given seeds."""
     policy: Policy | None = None
     deterministic: bool = True
@@ -72,7 +72,7 @@ class Entry:
     cost: float = 1.0
     """Rough duration of a flight, that of hovering being 1, to tell the time left."""
 
-    def with_overrides(self, values: Mapping[str, Any]) -> "Entry":
+    def with_overrides(self, values: Mapping[str, Any]) -> "Contender":
         """With further parameters that belong to the method."""
         return replace(self, overrides={**self.overrides, **values})
 
@@ -93,48 +93,48 @@ COMMANDS: dict[str, tuple[str, ...]] = {
 """Arguments of ``orchid train`` that each of them was trained with."""
 
 
-def rules(planner_evaluations: int = EVALUATIONS) -> dict[str, Entry]:
+def rules(planner_evaluations: int = EVALUATIONS) -> dict[str, Contender]:
     """The methods that need no training, by their keys."""
     planning = 3.0 * planner_evaluations / 30.0
-    entries = [
-        Entry("static-pf", RULE_IDEAS["static-pf"], _PF, lambda _: Hover()),
-        Entry("static-mmf", RULE_IDEAS["static-mmf"], _MMF, lambda _: Hover()),
-        Entry(
+    contenders = [
+        Contender("static-pf", RULE_IDEAS["static-pf"], _PF, lambda _: Hover()),
+        Contender("static-mmf", RULE_IDEAS["static-mmf"], _MMF, lambda _: Hover()),
+        Contender(
             "static-pf-full-power",
             RULE_IDEAS["static-pf-full-power"],
             _PF,
             lambda _: Hover(full_power=True),
         ),
-        Entry(
+        Contender(
             "static-mmf-full-power",
             RULE_IDEAS["static-mmf-full-power"],
             _MMF,
             lambda _: Hover(full_power=True),
         ),
-        Entry("loiter-pf", RULE_IDEAS["loiter-pf"], _PF, lambda _: Loiter()),
-        Entry("loiter-mmf", RULE_IDEAS["loiter-mmf"], _MMF, lambda _: Loiter()),
-        Entry(
+        Contender("loiter-pf", RULE_IDEAS["loiter-pf"], _PF, lambda _: Loiter()),
+        Contender("loiter-mmf", RULE_IDEAS["loiter-mmf"], _MMF, lambda _: Loiter()),
+        Contender(
             "balanced-loiter",
             RULE_IDEAS["balanced-loiter"],
             _MMF,
             lambda _: BalancedLoiter(),
             cost=6.0,
         ),
-        Entry(
+        Contender(
             "track",
             RULE_IDEAS["track"],
             _MMF,
             lambda _: Track(),
             cost=3.0,
         ),
-        Entry(
+        Contender(
             "planner",
             RULE_IDEAS["planner"],
             _MMF,
             lambda _: Planner(planner_evaluations),
             cost=planning,
         ),
-        Entry(
+        Contender(
             "balanced-loiter-retargeted",
             RULE_IDEAS["balanced-loiter-retargeted"],
             _MMF,
@@ -142,7 +142,7 @@ def rules(planner_evaluations: int = EVALUATIONS) -> dict[str, Entry]:
             is_comparable=False,
             cost=6.0,
         ),
-        Entry(
+        Contender(
             "planner-retargeted",
             RULE_IDEAS["planner-retargeted"],
             _MMF,
@@ -151,13 +151,13 @@ def rules(planner_evaluations: int = EVALUATIONS) -> dict[str, Entry]:
             cost=planning,
         ),
     ]
-    return {entry.key: entry for entry in entries}
+    return {contender.key: contender for contender in contenders}
 
 
 def groups() -> dict[str, list[str]]:
     """What the groups stand for: "all" leaves out the rules that serve other users."""
     catalogue = rules()
-    comparable = [key for key, entry in catalogue.items() if entry.is_comparable]
+    comparable = [key for key, contender in catalogue.items() if contender.is_comparable]
     learned = [key for key in known_methods() if key not in catalogue]
     return {ALL: [*learned, *comparable], RULES: comparable, LEARNED: learned}
 
@@ -182,7 +182,7 @@ def select(
     runs: Iterable[Path] = (),
     stochastic: bool = False,
     planner_evaluations: int = EVALUATIONS,
-) -> list[Entry]:
+) -> list[Contender]:
     """The rows of an evaluation, in the order of the catalogue, then the given runs.
 
     Args:
@@ -201,19 +201,19 @@ def select(
         if key not in {*members, *known}:
             raise InputError(unknown("method", key, [*members, *known], cutoff=0.4))
         wanted.update(members.get(key, [key]))
-    entries: list[Entry] = []
+    contenders: list[Contender] = []
     for key in known:
         if key not in wanted:
             continue
         if key in catalogue:
-            entries.append(catalogue[key])
+            contenders.append(catalogue[key])
         else:
             name = key.removesuffix(ZERO)
             policy = read_released(name)
-            entries += rows_of(policy, name, RELEASED[name], stochastic, key.endswith(ZERO))
+            contenders += rows_of(policy, name, RELEASED[name], stochastic, key.endswith(ZERO))
     seen: dict[str, Path] = {}
     for path in runs:
-        policy = read_run(path)
+        policy = read_policy(path)
         if policy.run in seen:
             raise InputError(
                 f"run {policy.run} is given twice, as {seen[policy.run]} and as {path}"
@@ -222,13 +222,15 @@ def select(
         if policy.run in known:
             raise InputError(f"run {policy.run} has the key of a built-in method: rename it")
         for is_zero in (False, True):
-            entries += rows_of(policy, policy.run, str(path), stochastic, is_zero)
-    if not entries:
+            contenders += rows_of(policy, policy.run, str(path), stochastic, is_zero)
+    if not contenders:
         raise InputError("there is nothing to evaluate: name methods or runs")
-    return entries
+    return contenders
 
 
-def rows_of(policy: Policy, name: str, idea: str, stochastic: bool, is_zero: bool) -> list[Entry]:
+def rows_of(
+    policy: Policy, name: str, idea: str, stochastic: bool, is_zero: bool
+) -> list[Contender]:
     """A learned policy, or its zero-action twin, as rows of an evaluation.
 
     Args:
@@ -240,15 +242,15 @@ def rows_of(policy: Policy, name: str, idea: str, stochastic: bool, is_zero: boo
     """
     overrides = {key: flatten(policy.config)[key] for key in METHOD_KEYS}
 
-    def make(is_sampled: bool) -> Callable[[Sequence[int]], Method]:
-        def method(seeds: Sequence[int]) -> Method:
+    def make(is_sampled: bool) -> Callable[[Sequence[int]], Controller]:
+        def method(seeds: Sequence[int]) -> Controller:
             noise = ExplorationNoise(policy.actor.log_std, seeds) if is_sampled else None
             return ZeroAction(noise) if is_zero else Learned(policy.actor, noise)
 
         return method
 
     return [
-        Entry(
+        Contender(
             name + ZERO if is_zero else name,
             _idea_of(name, idea, is_zero),
             overrides,
@@ -264,10 +266,10 @@ def rows_of(policy: Policy, name: str, idea: str, stochastic: bool, is_zero: boo
 def read_released(key: str) -> Policy:
     """A policy that comes with the package."""
     path = Path(str(files("orchid_uav.reference"))) / key
-    return read_run(path)
+    return read_policy(path)
 
 
-def read_run(path: Path) -> Policy:
+def read_policy(path: Path) -> Policy:
     """The policy of a run directory.
 
     Raises:

@@ -24,7 +24,7 @@ from orchid_uav.experiments.figures.style import (
     is_rule,
     legend_shape,
     limits_of,
-    looks_of,
+    line_styles,
     set_ticks,
     setting_text,
     shifted,
@@ -106,7 +106,7 @@ class _Sheet:
         self.metric = metric
         self.heading = METRICS[metric].heading
         self.dimension = _longest_dimension(results)
-        self.looks = looks_of(label_of(result) for result in results)
+        self.looks = line_styles(label_of(result) for result in results)
         self.topologies = {result["episodes"] for result in results}
         self.curves: dict[str, _Curve] = {}
         """By the method's label, in the order of the results."""

@@ -21,13 +21,13 @@ from orchid_uav.experiments.figures.style import (
     identity_marks,
     legend_shape,
     limits_of,
-    looks_of,
+    line_styles,
     set_ticks,
     shifted,
     thicker_pt,
     wrap,
 )
-from orchid_uav.experiments.metrics import METRICS
+from orchid_uav.experiments.metrics import METRICS, heading_of
 from orchid_uav.experiments.statistics.curves import (
     CONFIDENCE,
     DEFAULT_COLUMNS,
@@ -37,7 +37,6 @@ from orchid_uav.experiments.statistics.curves import (
     Row,
     curve_table,
     group_curve,
-    heading_of,
     single_curve,
     smoothed,
 )
@@ -100,7 +99,7 @@ class _Sheet:
         self.every = max(1, self.longest // _MARKERS)
         """Episodes from one marker to the next."""
         self.title = title
-        self.looks = looks_of(groups)
+        self.looks = line_styles(groups)
         self.curves = {
             column: {name: self._curves(runs, column) for name, runs in groups.items()}
             for column in columns

@@ -106,7 +106,7 @@ def is_rule(label: str) -> bool:
     return base_of(label) in _RULES
 
 
-def looks_of(labels: Iterable[str]) -> dict[str, dict[str, Any]]:
+def line_styles(labels: Iterable[str]) -> dict[str, dict[str, Any]]:
     """How methods are drawn.
 
     What is built in always looks the same, whatever else is drawn. A run has a look of its own as

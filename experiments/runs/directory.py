@@ -305,7 +305,7 @@ class RunDirectory:
             "seconds": round(seconds, 3),
             "episodes": len(rows),
             "reset_episodes": list(reset_episodes),
-            "final": final_figures(rows),
+            "final": final_metrics(rows),
             "episodes_sha256": self._log_checksum(),
         }
         self.give_up(status, error)
@@ -335,7 +335,7 @@ class RunDirectory:
         write_json(self.path / RECORD_FILE, sealed(self.record))
 
 
-def final_figures(rows: Sequence[Row]) -> dict[str, float | None]:
+def final_metrics(rows: Sequence[Row]) -> dict[str, float | None]:
     """Means of the last ``FINAL_EPISODES`` episodes, by column; empty if there was no episode.
 
     None where a mean is not a finite number, which JSON cannot hold.

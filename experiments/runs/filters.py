@@ -8,7 +8,13 @@ from typing import Any, NamedTuple
 
 from orchid_uav.experiments.configuration import assignment_layer, configuration_keys
 from orchid_uav.experiments.errors import InputError, nearest
-from orchid_uav.experiments.runs.index import FIGURES, RECORD_KEYS, Run, is_number, value_text
+from orchid_uav.experiments.runs.index import (
+    RECORD_KEYS,
+    TRAINING_METRICS,
+    Run,
+    is_number,
+    value_text,
+)
 
 _CONDITION = re.compile(r"\s*([\w.-]+?)\s*(<=|>=|!=|==|=|<|>|~)\s*(.*?)\s*", re.DOTALL)
 
@@ -69,7 +75,7 @@ class Keys:
     """
 
     def __init__(self, runs: Iterable[Run]) -> None:
-        known = dict.fromkeys([*RECORD_KEYS, *FIGURES, *configuration_keys()])
+        known = dict.fromkeys([*RECORD_KEYS, *TRAINING_METRICS, *configuration_keys()])
         for run in runs:
             known |= run.values
         self.known = list(known)
@@ -99,7 +105,7 @@ class Keys:
             raise InputError(f"unknown key '{name}': did you mean '{near[0]}'?")
         raise InputError(
             f"unknown key '{name}': known are those of 'orchid config show', the final "
-            f"figures {', '.join(FIGURES)}, and {', '.join(RECORD_KEYS)}"
+            f"metrics {', '.join(TRAINING_METRICS)}, and {', '.join(RECORD_KEYS)}"
         )
 
     def condition(self, text: str) -> Condition:

@@ -20,7 +20,7 @@ from orchid_uav.experiments.runs.directory import (
     EPISODE_COLUMNS,
     FINAL_EPISODES,
     Row,
-    final_figures,
+    final_metrics,
 )
 from orchid_uav.experiments.runs.records import (
     CHECKPOINTS_FOLDER,
@@ -39,8 +39,8 @@ from orchid_uav.experiments.runs.records import (
 )
 from orchid_uav.storage.files import read_bytes
 
-FIGURES = tuple(column for column in EPISODE_COLUMNS if column != "episode")
-"""Final figures: means of the last episodes."""
+TRAINING_METRICS = tuple(column for column in EPISODE_COLUMNS if column != "episode")
+"""Final metrics: means of the last episodes."""
 RECORD_KEYS = (
     *("id", "status", "name", "episodes", "seconds", "resets", "started", "finished"),
     *("command", "error"),
@@ -87,7 +87,7 @@ class Run:
         record = self.record
         return {
             **self.config,
-            **dict.fromkeys(FIGURES),
+            **dict.fromkeys(TRAINING_METRICS),
             **record["final"],
             **{key: record[key] for key in RECORD_KEYS if key in record},
             **{f"host.{key}": value for key, value in record["host"].items()},
@@ -225,7 +225,7 @@ def is_number(value: Any) -> bool:
 
 
 def _progress(log: Path) -> dict[str, Any]:
-    """Episodes, resets and latest figures of a run whose record does not know them yet."""
+    """Episodes, resets and latest metrics of a run whose record does not know them yet."""
     try:
         with log.open("rb") as file:
             resets = [int(line.split(b",")[0]) for line in file if line.endswith(_RESET)]
@@ -240,7 +240,7 @@ def _progress(log: Path) -> dict[str, Any]:
     return {
         "episodes": int(rows[-1]["episode"]),
         "reset_episodes": resets,
-        "final": final_figures(rows),
+        "final": final_metrics(rows),
     }
 
 
@@ -301,19 +301,16 @@ def short_names(runs: Sequence[Run]) -> list[str]:
     ]
 
 
-def heading_of(key: str) -> str:
-    """What a key is called in a table."""
-    return METRICS[key].heading if key in METRICS else key
-
-
 def value_text(value: Any, key: str = "") -> str:
-    """A value as people read it; a figure of METRICS scaled as its heading says."""
+    """A value as people read it; a metric of METRICS scaled as its heading says."""
     if value is None:
-        return "-" if key in FIGURES else "none"
+        return "-" if key in TRAINING_METRICS else "none"
     if isinstance(value, bool):
         return str(value).lower()
     if key in METRICS and is_number(value):
         return METRICS[key].text(value)
     if isinstance(value, float):
-        return f"{value:g}" if key in FIGURES or float(f"{value:g}") == value else repr(value)
+        return (
+            f"{value:g}" if key in TRAINING_METRICS or float(f"{value:g}") == value else repr(value)
+        )
     return value if isinstance(value, str) else json.dumps(value)

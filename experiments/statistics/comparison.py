@@ -1,7 +1,7 @@
 """Comparing training runs over seeds: effects first, then what chance could have done.
 
 The unit of analysis is the training seed. Variants share their seeds with the base, so that effects
-are paired differences, variant − base. A run that failed has no figure, NaN or None: failures are
+are paired differences, variant − base. A run that failed has no value, NaN or None: failures are
 counted and told beside the effect, which is of the pairs that are complete. They are never imputed.
 """
 
@@ -16,10 +16,10 @@ from scipy.stats import permutation_test, rankdata, t, trim_mean
 from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.statistics.intervals import Floats, interval
 
-Figures = Sequence[float | None] | Floats
+Values = Sequence[float | None] | Floats
 """One value per seed, the seeds in the same order everywhere; NaN or None where the run failed."""
 Better = Literal["higher", "lower"] | None
-"""Which way a figure is better; None where more is neither better nor worse."""
+"""Which way a metric is better; None where more is neither better nor worse."""
 Verdict = Literal[
     "better", "worse", "higher", "lower", "equivalent", "no difference shown", "undecided"
 ]
@@ -46,11 +46,11 @@ def interquartile_mean(values: Floats, axis: int = -1) -> Any:
     return trim_mean(values, 0.25, axis=axis)
 
 
-def describe_seeds(values: Figures) -> dict[str, Any]:
+def describe_seeds(values: Values) -> dict[str, Any]:
     """What the seeds of one method reached.
 
     Returns:
-        "n" seeds with a figure and "failed" ones without, which no other entry contains; "mean",
+        "n" seeds with a value and "failed" ones without, which no other entry contains; "mean",
         "median", "iqm" and "std" (ddof = 1); "ci95", the BCa interval over seeds of the statistic
         named in "ci95_of". None for what so few seeds cannot give, and for an interval where no
         single seed moves the statistic (nine of ten at 0).
@@ -58,7 +58,7 @@ def describe_seeds(values: Figures) -> dict[str, Any]:
     Raises:
         InputError: what is given is neither finite numbers nor failures.
     """
-    given = _figures(values)
+    given = _checked(values)
     reached = given[~np.isnan(given)]
     return {
         "n": len(reached),
@@ -71,15 +71,15 @@ def describe_seeds(values: Figures) -> dict[str, Any]:
 
 
 def compare_pairs(
-    base: Figures, variant: Figures, better: Better, margin: float | None = None
+    base: Values, variant: Values, better: Better, margin: float | None = None
 ) -> dict[str, Any]:
-    """One figure of a variant against that of its base, paired by seed.
+    """One metric of a variant against that of its base, paired by seed.
 
     Args:
         base: one value per seed.
         variant: of the same seeds in the same order.
-        better: which way the figure is better.
-        margin: greatest mean difference that does not matter, in the figure's unit and written down
+        better: which way the metric is better.
+        margin: greatest mean difference that does not matter, in the metric's unit and written down
             before the runs; None for no test of equivalence.
 
     Returns:
@@ -95,12 +95,12 @@ def compare_pairs(
         None for what so few pairs cannot give.
 
     Raises:
-        InputError: seeds that do not pair, values that are no figures, a way that is none, or a
+        InputError: seeds that do not pair, values that are no numbers, a way that is none, or a
             margin not above 0.
     """
     if better not in ("higher", "lower", None):
         raise InputError(f"'{better}' is no way to be better: give 'higher', 'lower' or None")
-    one, other = _figures(base), _figures(variant)
+    one, other = _checked(base), _checked(variant)
     if len(one) != len(other):
         raise InputError(
             f"{len(one)} seeds of the base and {len(other)} of the variant do not pair: "
@@ -262,26 +262,26 @@ def holm(p_values: Sequence[float | None]) -> list[float | None]:
 
 
 def compare_families(
-    base: Mapping[str, Figures],
-    variants: Mapping[str, Mapping[str, Figures]],
+    base: Mapping[str, Values],
+    variants: Mapping[str, Mapping[str, Values]],
     better: Mapping[str, Better],
     margins: Mapping[str, float] | None = None,
 ) -> dict[str, dict[str, dict[str, Any]]]:
-    """Every variant against the base in every figure: all of one call are one family.
+    """Every variant against the base in every metric: all of one call are one family.
 
     Args:
-        base: values per seed of each figure.
+        base: values per seed of each metric.
         variants: the same of each variant, under its name.
-        better: the figures that are judged together, and which way each is better.
-        margins: of equivalence, for figures that have one.
+        better: the metrics that are judged together, and which way each is better.
+        margins: of equivalence, for metrics that have one.
 
     Returns:
-        By variant and figure, what ``compare_pairs`` gives and "p_holm"; "smallest_p_holm", the
+        By variant and metric, what ``compare_pairs`` gives and "p_holm"; "smallest_p_holm", the
         least that the first p of the family could be, so that nothing can be shown where it is
         above 0.05 (10 seeds can show nothing among more than 25); and "verdict", of ``judge``.
 
     Raises:
-        InputError: a figure is missing, a margin is of none that is judged, or as
+        InputError: a metric is missing, a margin is of none that is judged, or as
             ``compare_pairs``.
     """
     margins = margins or {}
@@ -356,20 +356,21 @@ def _over_seeds(samples: tuple[Floats, ...], statistic: Any) -> list[float] | No
     return interval(samples, statistic) if len(samples[0]) >= MIN_SEEDS else None
 
 
-def _of(values: Mapping[str, Figures], metric: str, whose: str) -> Figures:
+def _of(values: Mapping[str, Values], metric: str, whose: str) -> Values:
     if metric not in values:
         raise InputError(f"{whose} has no '{metric}', only {', '.join(values) or 'nothing'}")
     return values[metric]
 
 
-def _figures(values: Figures) -> Floats:
+def _checked(values: Values) -> Floats:
     """Finite numbers and, for failed runs, NaN: (seeds,)."""
     try:
-        figures = np.array(values, dtype=np.float64)
+        checked = np.array(values, dtype=np.float64)
     except (TypeError, ValueError):
-        figures = np.array(np.inf)
-    if figures.ndim != 1 or np.isinf(figures).any():
+        checked = np.array(np.inf)
+    if checked.ndim != 1 or np.isinf(checked).any():
         raise InputError(
-            f"{values!r} are no figures: give a list of finite numbers, NaN where a run failed"
+            f"{values!r} are no values of a metric: give a list of finite numbers, NaN where a "
+            "run failed"
         )
-    return figures
+    return checked

@@ -11,7 +11,7 @@ from orchid_uav.envs.metrics import EPISODE_METRICS
 from orchid_uav.experiments.metrics import METRICS
 
 Row = Mapping[str, float]
-"""An episode's figures, as ``read_episodes`` gives them."""
+"""An episode's metrics, as ``read_episodes`` gives them."""
 Floats = NDArray[np.float64]
 
 WINDOW = 20
@@ -34,7 +34,7 @@ _DIGITS = 6
 
 
 class Curve(NamedTuple):
-    """One figure of one run or of several, by episode; all arrays (E,)."""
+    """One metric of one run or of several, by episode; all arrays (E,)."""
 
     runs: int
     """At its beginning."""
@@ -43,11 +43,6 @@ class Curve(NamedTuple):
     """Of the run, or the interquartile mean over runs."""
     band: tuple[Floats, Floats] | None
     """Interval of the interquartile mean; None below ``MIN_RUNS`` runs."""
-
-
-def heading_of(column: str) -> str:
-    """What a column is called, with the unit of its scaled values."""
-    return METRICS[column].heading if column in METRICS else column.replace("_", " ")
 
 
 def scale_of(column: str) -> float:
@@ -75,7 +70,7 @@ def smoothed(values: ArrayLike, window: int) -> Floats:
 
 
 def single_curve(rows: Sequence[Row], column: str, window: int = WINDOW) -> Curve:
-    """A run's figure, smoothed and scaled as it is shown."""
+    """A run's metric, smoothed and scaled as it is shown."""
     values = smoothed([row[column] for row in rows], window) * scale_of(column)
     return Curve(1, np.array([row["episode"] for row in rows], np.float64), values, None)
 

@@ -14,7 +14,7 @@ from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.runs.records import CHECKPOINTS_FOLDER
 from orchid_uav.experiments.training.state import TrainingState
 from orchid_uav.storage.files import json_bytes, read_sealed, sealed, sync_directory, sync_file
-from orchid_uav.storage.tensors import TensorKind, read_tensors
+from orchid_uav.storage.tensors import TensorSpec, read_tensors
 
 STATE_FILE = "state.json"
 _SCHEMA = 1
@@ -22,7 +22,7 @@ _LARGEST_STATE = 64 * 2**20
 _PLACE = re.compile(r"\.([0-9]+)\.old|([0-9]+)")
 _LEFTOVER = re.compile(r"\.[0-9]+\.(new|old|gone)")
 
-Kinds = dict[str, dict[str, TensorKind]]
+Specs = dict[str, dict[str, TensorSpec]]
 
 
 class CheckpointStore:
@@ -124,12 +124,12 @@ class CheckpointStore:
             else:
                 shutil.rmtree(path, ignore_errors=True)
 
-    def read(self, episode: int, kinds: Callable[[Mapping[str, Any]], Kinds]) -> TrainingState:
+    def read(self, episode: int, specs: Callable[[Mapping[str, Any]], Specs]) -> TrainingState:
         """A checkpoint as it was written.
 
         Args:
             episode: its number.
-            kinds: gives shapes and types of all tensors, by file and name, for a document.
+            specs: gives shapes and types of all tensors, by file and name, for a document.
 
         Raises:
             InputError: it is damaged, or belongs to something else.
@@ -140,7 +140,7 @@ class CheckpointStore:
             named = document["schema"], document["run"], document["episode"]
             if named not in [(_SCHEMA, run_id, episode) for run_id in self._known_ids]:
                 raise ValueError(f"{directory} is checkpoint {named[2]} of run {named[1]}")
-            expected = kinds(document)
+            expected = specs(document)
             checksums = document["files_sha256"]
             if set(checksums) != set(expected):
                 raise ValueError(f"{directory} has files for {', '.join(checksums)}")

@@ -26,7 +26,7 @@ from orchid_uav.envs.interfaces.sb3_vec_env import FleetVecEnv
 from orchid_uav.experiments.configuration import RunConfig
 from orchid_uav.experiments.errors import InputError, RunFailedError
 from orchid_uav.experiments.interruption import Interruption, interruption_requests
-from orchid_uav.experiments.runs.directory import Row, RunDirectory, final_figures
+from orchid_uav.experiments.runs.directory import Row, RunDirectory, final_metrics
 from orchid_uav.experiments.runs.records import Status, former_ids
 from orchid_uav.experiments.training.builders import (
     build_model,
@@ -96,7 +96,7 @@ class TrainingOutcome:
             "episodes": len(self.rows),
             "seconds": round(self.seconds, 3),
             "reset_episodes": self.reset_episodes,
-            "final": final_figures(self.rows),
+            "final": final_metrics(self.rows),
         }
 
 
@@ -190,9 +190,9 @@ def _learn(
         if reset_and_finetune is not None:
             outcome.reset_episodes = reset_and_finetune.reset_episodes
         for row in rows:
-            figures = _figures(row, model.logger.name_to_value)
+            metrics = _metrics(row, model.logger.name_to_value)
             for tracker in trackers:
-                tracker.log(int(row["episode"]), figures)
+                tracker.log(int(row["episode"]), metrics)
         reporter.show(rows, outcome.reset_episodes)
 
     def save(episodes_done: int) -> None:
@@ -226,7 +226,7 @@ def _learn(
             model.learn(
                 config.training.episodes * rows_per_episode - model.num_timesteps,
                 callback=list(callbacks),
-                log_interval=None,  # type: ignore[arg-type]  # EpisodeLog takes the figures instead
+                log_interval=None,  # type: ignore[arg-type]  # EpisodeLog takes the metrics instead
                 reset_num_timesteps=False,
             )
     finally:
@@ -241,7 +241,7 @@ def _go_back(
     """Restore the latest checkpoint that is whole; the rows of the episodes up to it."""
     for episode in checkpoints.episodes():
         try:
-            state = checkpoints.read(episode, training.kinds)
+            state = checkpoints.read(episode, training.specs)
             training.restore(state)
             # Last: from here on, the log of a later checkpoint is gone.
             rows = run.keep_episodes(state.document["log_size"], state.document["log_sha256"])
@@ -260,7 +260,7 @@ def _go_back(
     return []
 
 
-def _figures(row: Row, learner: Mapping[str, Any]) -> dict[str, float]:
+def _metrics(row: Row, learner: Mapping[str, Any]) -> dict[str, float]:
     episode = {f"episode/{name}": value for name, value in row.items() if name != "episode"}
     return episode | {name: float(value) for name, value in learner.items()}
 

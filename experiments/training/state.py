@@ -13,7 +13,7 @@ from orchid_uav.agents.maddpg.maddpg import MADDPG
 from orchid_uav.agents.mappo.mappo import MAPPO
 from orchid_uav.callbacks import EpisodeCallback
 from orchid_uav.envs.interfaces.sb3_vec_env import FleetVecEnv
-from orchid_uav.storage.tensors import TensorKind, Tensors
+from orchid_uav.storage.tensors import Tensors, TensorSpec
 
 _WORLDS = "worlds"
 
@@ -61,11 +61,11 @@ class Training:
         }
         return TrainingState(document, {**tensors, _WORLDS: arrays})
 
-    def kinds(self, document: Mapping[str, Any]) -> dict[str, dict[str, TensorKind]]:
+    def specs(self, document: Mapping[str, Any]) -> dict[str, dict[str, TensorSpec]]:
         """Shapes and types of the tensors that belong to a state's document, by file and name."""
         _, arrays = self.env.world.state()
-        worlds = {name: TensorKind.of(array) for name, array in arrays.items()}
-        return self.model.training_state_kinds(document["learner"]) | {_WORLDS: worlds}
+        worlds = {name: TensorSpec.of(array) for name, array in arrays.items()}
+        return self.model.training_state_specs(document["learner"]) | {_WORLDS: worlds}
 
     def restore(self, state: TrainingState) -> None:
         """Be as the training that :meth:`state` was asked of; of equal configuration.

@@ -74,9 +74,9 @@ class TrackerProcess:
         """The run goes on behind so many episodes."""
         self._order(resume=episodes)
 
-    def log(self, episode: int, figures: Mapping[str, float]) -> None:
-        """Have an episode's figures exported, some time."""
-        self._order(episode=episode, figures=dict(figures))
+    def log(self, episode: int, metrics: Mapping[str, float]) -> None:
+        """Have an episode's metrics exported, some time."""
+        self._order(episode=episode, metrics=dict(metrics))
         self._last = episode
 
     def close(self, status: str) -> None:
@@ -156,8 +156,8 @@ def _serve(name: str, run_id: str) -> None:
             tracker = EXPORTERS[name](run_id, RunConfig.model_validate(order["config"]))
         elif "resume" in order:
             tracker.resume(order["resume"])
-        elif "figures" in order:
-            tracker.log(order["episode"], order["figures"])
+        elif "metrics" in order:
+            tracker.log(order["episode"], order["metrics"])
             _report(exported=order["episode"])
         else:
             tracker.close(order["status"])
@@ -167,7 +167,7 @@ def _serve(name: str, run_id: str) -> None:
 
 
 def main() -> int:
-    """Export the figures of a run until there is no more of it."""
+    """Export the metrics of a run until there is no more of it."""
     ignore_signals()  # batch systems tell all processes; how the run ended, it says itself
     try:
         _serve(*sys.argv[1:3])

@@ -1,4 +1,4 @@
-"""Exporters of a run's figures to other programs.
+"""Exporters of a run's metrics to other programs.
 
 A tracker is told of every episode and can never stop or delay a training: an error switches it off
 with a warning, and those that may have to wait for a server or a lock have a process of their own.
@@ -19,7 +19,7 @@ from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.training.tracker_process import TrackerProcess
 from orchid_uav.extras import install_command
 
-Figures = Mapping[str, float]
+Metrics = Mapping[str, float]
 
 
 class Tracker(Protocol):
@@ -28,7 +28,7 @@ class Tracker(Protocol):
     def resume(self, episodes: int) -> None:
         """The run goes on behind so many episodes, which another process logged."""
 
-    def log(self, episode: int, figures: Figures) -> None:
+    def log(self, episode: int, metrics: Metrics) -> None:
         """Take an episode's figures."""
 
     def close(self, status: str) -> None:
@@ -62,10 +62,10 @@ class TensorBoardTracker:
         """Have TensorBoard forget what an earlier process logged of later episodes."""
         self._write(step=episodes + 1, session_log=self._start)
 
-    def log(self, episode: int, figures: Figures) -> None:
-        """Write the figures under the episode's number."""
+    def log(self, episode: int, metrics: Metrics) -> None:
+        """Write the metrics under the episode's number."""
         values = [
-            self._summary.Value(tag=name, simple_value=value) for name, value in figures.items()
+            self._summary.Value(tag=name, simple_value=value) for name, value in metrics.items()
         ]
         self._write(step=episode, summary=self._summary(value=values))
 
@@ -96,9 +96,9 @@ class MlflowTracker:
     def resume(self, episodes: int) -> None:
         """Nothing: a resumed run is a run of its own in MLflow, with the same name."""
 
-    def log(self, episode: int, figures: Figures) -> None:
+    def log(self, episode: int, metrics: Metrics) -> None:
         """One batch per episode."""
-        self._mlflow.log_metrics(dict(figures), step=episode)
+        self._mlflow.log_metrics(dict(metrics), step=episode)
 
     def close(self, status: str) -> None:
         """End the run with the status that MLflow has for it."""
@@ -118,9 +118,9 @@ class TrackioTracker:
     def resume(self, episodes: int) -> None:
         """Nothing: a resumed run is a run of its own in trackio."""
 
-    def log(self, episode: int, figures: Figures) -> None:
+    def log(self, episode: int, metrics: Metrics) -> None:
         """One record per episode."""
-        self._trackio.log(dict(figures), step=episode)
+        self._trackio.log(dict(metrics), step=episode)
 
     def close(self, status: str) -> None:
         """End the run."""
@@ -186,9 +186,9 @@ class SafeTracker:
         """The run goes on behind so many episodes."""
         self._try(lambda tracker: tracker.resume(episodes))
 
-    def log(self, episode: int, figures: Figures) -> None:
+    def log(self, episode: int, metrics: Metrics) -> None:
         """Take an episode's figures."""
-        self._try(lambda tracker: tracker.log(episode, figures))
+        self._try(lambda tracker: tracker.log(episode, metrics))
 
     def close(self, status: str) -> None:
         """The run has ended."""

@@ -22,15 +22,15 @@ from orchid_uav.experiments.runs.directory import FINAL_EPISODES, Row, RunDirect
 _SECONDS_BETWEEN_LINES = 5.0
 
 
-def figure_texts(figures: Row) -> dict[str, str]:
-    """An episode's figures, or means of several, as people read them."""
+def metric_texts(metrics: Row) -> dict[str, str]:
+    """An episode's metrics, or means of several, as people read them."""
     return {
-        "reward": f"{figures['reward']:.1f}",
-        "coverage": f"{figures['coverage']:.3f}",
-        "energy efficiency": f"{figures['energy_efficiency_bit_per_joule'] / 1e6:.3f} Mbit/J",
-        "rate JFI": f"{figures['rate_jfi']:.3f}",
-        "load JFI": f"{figures['load_jfi']:.3f}",
-        "worst user": f"{figures['worst_rate_bps'] / 1e6:.2f} Mbit/s",
+        "reward": f"{metrics['reward']:.1f}",
+        "coverage": f"{metrics['coverage']:.3f}",
+        "energy efficiency": f"{metrics['energy_efficiency_bit_per_joule'] / 1e6:.3f} Mbit/J",
+        "rate JFI": f"{metrics['rate_jfi']:.3f}",
+        "load JFI": f"{metrics['load_jfi']:.3f}",
+        "worst user": f"{metrics['worst_rate_bps'] / 1e6:.2f} Mbit/s",
     }
 
 
@@ -61,7 +61,7 @@ class SilentReporter:
         """Nothing."""
 
 
-class _RunningFigures:
+class _RunningMetrics:
     """What both displays know of the run."""
 
     def __init__(
@@ -128,23 +128,23 @@ class LineReporter:
         reset_episodes: Sequence[int],
     ) -> None:
         """Say where the run is."""
-        self._figures = _RunningFigures(config, rows, reset_episodes)
+        self._metrics = _RunningMetrics(config, rows, reset_episodes)
         self._last_line_s = -_SECONDS_BETWEEN_LINES
         print_line(self._out, f"run {run.id} in {run.path}{_behind(rows)}")
 
     def show(self, rows: Sequence[Row], reset_episodes: Sequence[int]) -> None:
         """Print a line if one is due."""
-        known_resets = len(self._figures.resets)
-        self._figures.add(rows, list(reset_episodes))
+        known_resets = len(self._metrics.resets)
+        self._metrics.add(rows, list(reset_episodes))
         for episode in reset_episodes[known_resets:]:
             actor, critic = rows[-1]["actor_lr"], rows[-1]["critic_lr"]
             print_line(
                 self._out,
                 f"episode {episode}: plateau, optimizer reset, learning rates {actor:g} {critic:g}",
             )
-        is_last = len(self._figures.rows) == self._figures.config.training.episodes
-        if is_last or self._figures.elapsed_s - self._last_line_s >= _SECONDS_BETWEEN_LINES:
-            self._last_line_s = self._figures.elapsed_s
+        is_last = len(self._metrics.rows) == self._metrics.config.training.episodes
+        if is_last or self._metrics.elapsed_s - self._last_line_s >= _SECONDS_BETWEEN_LINES:
+            self._last_line_s = self._metrics.elapsed_s
             print_line(self._out, self._line())
 
     def warn(self, message: str) -> None:
@@ -152,12 +152,12 @@ class LineReporter:
         print_warning(message)
 
     def _line(self) -> str:
-        figures = self._figures
-        texts = figure_texts(figures.recent_means())
+        metrics = self._metrics
+        texts = metric_texts(metrics.recent_means())
         shown = ", ".join(f"{name} {text}" for name, text in texts.items())
         return (
-            f"episode {len(figures.rows)}/{figures.config.training.episodes}: {shown}; "
-            f"{figures.steps_per_s:.0f} steps/s, {figures.remaining_s:.0f} s left"
+            f"episode {len(metrics.rows)}/{metrics.config.training.episodes}: {shown}; "
+            f"{metrics.steps_per_s:.0f} steps/s, {metrics.remaining_s:.0f} s left"
         )
 
     def end(self) -> None:
@@ -165,7 +165,7 @@ class LineReporter:
 
 
 class LiveReporter:
-    """A progress bar over a table of figures, for terminals."""
+    """A progress bar over a table of metrics, for terminals."""
 
     def __init__(self, out: Console) -> None:
         self._out = out
@@ -179,7 +179,7 @@ class LiveReporter:
         reset_episodes: Sequence[int],
     ) -> None:
         """Open the display."""
-        self._figures = _RunningFigures(config, rows, reset_episodes)
+        self._metrics = _RunningMetrics(config, rows, reset_episodes)
         self._progress = Progress(
             TextColumn("[bold]episode"),
             MofNCompleteColumn(),
@@ -200,8 +200,8 @@ class LiveReporter:
 
     def show(self, rows: Sequence[Row], reset_episodes: Sequence[int]) -> None:
         """Move on."""
-        self._figures.add(rows, list(reset_episodes))
-        self._progress.update(self._task, completed=len(self._figures.rows))
+        self._metrics.add(rows, list(reset_episodes))
+        self._progress.update(self._task, completed=len(self._metrics.rows))
         self._live.update(Group(self._progress, self._table()))
 
     def warn(self, message: str) -> None:
@@ -209,18 +209,18 @@ class LiveReporter:
         print_warning(message)
 
     def _table(self) -> Table:
-        figures = self._figures
-        last = figures.rows[-1]
-        now, recent = figure_texts(last), figure_texts(figures.recent_means())
+        metrics = self._metrics
+        last = metrics.rows[-1]
+        now, recent = metric_texts(last), metric_texts(metrics.recent_means())
         table = Table(box=None, pad_edge=False, header_style="dim")
         table.add_column("")
         table.add_column("last episode", justify="right")
-        table.add_column(f"mean of {min(FINAL_EPISODES, len(figures.rows))}", justify="right")
+        table.add_column(f"mean of {min(FINAL_EPISODES, len(metrics.rows))}", justify="right")
         for name, text in now.items():
             table.add_row(name, text, recent[name])
         table.add_row("learning rates", f"{last['actor_lr']:g} / {last['critic_lr']:g}", "")
-        table.add_row("Reset-and-Finetune", figures.reset_state(), "")
-        table.add_row("steps/s", f"{figures.steps_per_s:.0f}", "")
+        table.add_row("Reset-and-Finetune", metrics.reset_state(), "")
+        table.add_row("steps/s", f"{metrics.steps_per_s:.0f}", "")
         return table
 
     def end(self) -> None:

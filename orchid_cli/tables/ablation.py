@@ -21,7 +21,7 @@ KINDS = {
 """Families of comparisons, and what they are of."""
 _COLUMNS = (
     "variant",
-    "figure",
+    "metric",
     "difference [95 %]",
     "relative",
     "P(better)",
@@ -45,7 +45,7 @@ def print_ablation(out: Console, document: Mapping[str, Any]) -> None:
         _print_comparisons(out, comparison_rows(document, kind))
     print_line(out, "")
     print_text(out, "held-out topologies: interquartile means over seeds, and means of the rest")
-    heads = ["policy", *(METRICS[figure].heading for figure in FLOWN)]
+    heads = ["policy", *(METRICS[metric].heading for metric in FLOWN)]
     print_table(out, heads, list(reached_rows(document)))
     for name, table in document["replayed_trigger"].items():
         print_line(out, "")
@@ -80,14 +80,14 @@ def reached_rows(document: Mapping[str, Any]) -> Iterator[list[str]]:
     """
     values, seeds = document["values"], document["settings"]["seeds"]
     means = {
-        (other["method"], other["deterministic"]): [other[figure]["mean"] for figure in FLOWN]
+        (other["method"], other["deterministic"]): [other[metric]["mean"] for metric in FLOWN]
         for other in document["others"]
     }
     of_base: list[list[str]] = []
     for name in values["evaluation"]:
         for kind, suffix in (("evaluation", ""), ("sampled", ", sampled")):
             reached = values[kind][name]
-            yield [name + suffix, *_texts(reached[figure]["iqm"] for figure in FLOWN)]
+            yield [name + suffix, *_texts(reached[metric]["iqm"] for metric in FLOWN)]
         for is_silent, what in ((True, "no actions"), (False, "noise alone")):
             keys = [(key_of(name, seed) + ZERO, is_silent) for seed in seeds]
             twins = [means[key] for key in keys if key in means]
@@ -107,52 +107,52 @@ def _mean(values: Sequence[float | None]) -> float | None:
 
 
 def _texts(values: Iterable[float | None]) -> list[str]:
-    return [_text(figure, value) for figure, value in zip(FLOWN, values, strict=False)]
+    return [_text(metric, value) for metric, value in zip(FLOWN, values, strict=False)]
 
 
-def _text(figure: str, value: float | None) -> str:
-    return "-" if value is None else METRICS[figure].text(value)
+def _text(metric: str, value: float | None) -> str:
+    return "-" if value is None else METRICS[metric].text(value)
 
 
 def comparison_rows(document: Mapping[str, Any], kind: str) -> list[list[str]]:
-    """A row for every variant and figure of a family."""
+    """A row for every variant and metric of a family."""
     values = document["values"][kind]
     return [
-        [name, METRICS[figure].heading, *_cells(figure, found, values[BASE], values[name])]
-        for name, figures in document["comparisons"][kind].items()
-        for figure, found in figures.items()
+        [name, METRICS[metric].heading, *_cells(metric, found, values[BASE], values[name])]
+        for name, metrics in document["comparisons"][kind].items()
+        for metric, found in metrics.items()
     ]
 
 
 def _cells(
-    figure: str, found: Mapping[str, Any], base: Mapping[str, Any], own: Mapping[str, Any]
+    metric: str, found: Mapping[str, Any], base: Mapping[str, Any], own: Mapping[str, Any]
 ) -> list[str]:
     difference = found["difference"]
     failures = {"base": found["failed_base"], "variant": found["failed_variant"]}
     failed = ", ".join(f"{count} of the {who} failed" for who, count in failures.items() if count)
     return [
-        f"{signed(figure, difference['mean'])}{_interval(figure, difference['ci95'])}",
+        f"{signed(metric, difference['mean'])}{_interval(metric, difference['ci95'])}",
         "-" if found["relative"] is None else f"{found['relative']:+.1%}",
         _plain(found["probability_of_improvement"], 2),
         _plain(found["p_holm"], 4),
         found["verdict"],
-        _text(figure, base[figure]["iqm"]),
-        _text(figure, own[figure]["iqm"]),
+        _text(metric, base[metric]["iqm"]),
+        _text(metric, own[metric]["iqm"]),
         f"{found['n']}" + (f" ({failed})" if failed else ""),
     ]
 
 
-def signed(figure: str, value: float | None) -> str:
-    """A difference as it is shown, with one digit more than the figure itself."""
+def signed(metric: str, value: float | None) -> str:
+    """A difference as it is shown, with one digit more than the metric itself."""
     if value is None:
         return "-"
-    metric = METRICS[figure]
-    text = f"{value * metric.scale:+.{metric.digits + 1}f}"
+    described = METRICS[metric]
+    text = f"{value * described.scale:+.{described.digits + 1}f}"
     return text if float(text) else text[1:]  # zero has no sign
 
 
-def _interval(figure: str, ends: Sequence[float] | None) -> str:
-    return "" if ends is None else f" [{signed(figure, ends[0])}, {signed(figure, ends[1])}]"
+def _interval(metric: str, ends: Sequence[float] | None) -> str:
+    return "" if ends is None else f" [{signed(metric, ends[0])}, {signed(metric, ends[1])}]"
 
 
 def _plain(value: float | None, digits: int) -> str:

@@ -71,8 +71,8 @@ def columns_that_fit(out: Console, runs: Sequence["Run"]) -> list[str]:
 
 
 def _headings(columns: Sequence[str]) -> list[str]:
-    """Titles of figures, and keys without their section where none other ends so."""
-    from orchid_uav.experiments.runs.index import heading_of
+    """Titles of metrics, and keys without their section where none other ends so."""
+    from orchid_uav.experiments.metrics import heading_of
 
     fields = [key.rpartition(".")[2] for key in columns]
     return [
@@ -146,7 +146,7 @@ def print_run(out: Console, run: "Run") -> None:
     else:
         print_line(out, f"{CONFIG_FILE}: all defaults")
     print_line(out, "")
-    _print_figures(out, [run], [f"mean of last {min(FINAL_EPISODES, record['episodes'])}"])
+    _print_metrics(out, [run], [f"mean of last {min(FINAL_EPISODES, record['episodes'])}"])
 
 
 def _print_facts(out: Console, facts: dict[str, str]) -> None:
@@ -180,7 +180,7 @@ def _time(text: Any) -> str:
 
 
 def print_comparison(out: Console, runs: Sequence["Run"]) -> None:
-    """Keys that differ, then final figures side by side."""
+    """Keys that differ, then final metrics side by side."""
     from orchid_uav.experiments.runs.index import differences, short_names, value_text
 
     names = short_names(runs)
@@ -193,22 +193,22 @@ def print_comparison(out: Console, runs: Sequence["Run"]) -> None:
     if not rows and len(runs) > 1:
         print_line(out, "the configurations are the same")
     print_line(out, "")
-    _print_figures(out, runs, names)
+    _print_metrics(out, runs, names)
 
 
-def _print_figures(out: Console, runs: Sequence["Run"], names: Sequence[str]) -> None:
-    """A row a figure; of two runs, also the second one's less the first one's."""
+def _print_metrics(out: Console, runs: Sequence["Run"], names: Sequence[str]) -> None:
+    """A row a metric; of two runs, also the second one's less the first one's."""
     from orchid_uav.envs.metrics import REWARD
     from orchid_uav.experiments.configuration import reward_differences
-    from orchid_uav.experiments.metrics import METRICS
+    from orchid_uav.experiments.metrics import METRICS, heading_of
     from orchid_uav.experiments.runs.directory import FINAL_EPISODES
-    from orchid_uav.experiments.runs.index import FIGURES, heading_of, value_text
+    from orchid_uav.experiments.runs.index import TRAINING_METRICS, value_text
 
     apart = reward_differences([run.config for run in runs])
     if len({run.record["episodes"] for run in runs}) > 1:
         apart.append("the episodes so far, with which its weights change")
     rows = []
-    for key in FIGURES:
+    for key in TRAINING_METRICS:
         values = [run.record["final"].get(key) for run in runs]
         if key not in METRICS or values == [None] * len(values):
             continue
@@ -218,11 +218,11 @@ def _print_figures(out: Console, runs: Sequence["Run"], names: Sequence[str]) ->
             cells.append(value_text(values[1] - values[0], key) if known else "-")
         rows.append([heading_of(key), *cells])
     if not rows:
-        print_line(out, "no final figures: there is no episode yet")
+        print_line(out, "no final metrics: there is no episode yet")
         return
     more = ["difference"] if len(runs) == 2 else []
     longest = max(int(run.record["episodes"]) for run in runs)
-    title = f"mean of last {min(FINAL_EPISODES, longest)}" if len(runs) > 1 else "figure"
+    title = f"mean of last {min(FINAL_EPISODES, longest)}" if len(runs) > 1 else "metric"
     _print(out, [title, *names, *more], rows)
     if apart and len(runs) > 1:
         print_note(f"rewards cannot be compared, as these change their meaning: {', '.join(apart)}")
@@ -236,9 +236,9 @@ def print_curves(out: Console, runs: Sequence["Run"], metrics: Sequence[str], wi
         sampled_table,
         terminal_curves,
     )
-    from orchid_uav.experiments.metrics import METRICS
+    from orchid_uav.experiments.metrics import METRICS, heading_of
     from orchid_uav.experiments.runs.index import read_log, short_names
-    from orchid_uav.experiments.statistics.curves import heading_of, single_curve
+    from orchid_uav.experiments.statistics.curves import single_curve
 
     logs = [read_log(run) for run in runs]
     if not any(logs):

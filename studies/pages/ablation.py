@@ -17,7 +17,7 @@ from studies.recording import read
 
 NAME, CONTROLS = "ablation_no_rf", "ablation_controls"
 CURVES = FIGURES / f"{NAME}.png"
-_HEADS = ("figure", "difference [95 %]", "relative", "P(better)", "p (Holm)", "verdict")
+_HEADS = ("metric", "difference [95 %]", "relative", "P(better)", "p (Holm)", "verdict")
 
 
 def must_hold(holds: bool, words: str) -> None:
@@ -61,22 +61,22 @@ def _check_effects(document: Mapping[str, Any]) -> None:
     must_hold(
         set(unseen) <= {"equivalent", "no difference shown"}
         and unseen.count("equivalent") > len(unseen) / 2,
-        "on unseen topologies no difference is shown, and most figures are equivalent",
+        "on unseen topologies no difference is shown, and most metrics are equivalent",
     )
     runs = document["runs"]
-    for figure in ("reward", "rate_jfi", "load_jfi"):
+    for metric in ("reward", "rate_jfi", "load_jfi"):
         own, without = (
-            [run["training"][figure] for run in runs if run["variant"] == name]
+            [run["training"][metric] for run in runs if run["variant"] == name]
             for name in (BASE, "no-rf")
         )
         must_hold(
             all(lower < higher for lower, higher in zip(without, own, strict=True))
-            and found["training"][figure]["p_holm"] <= ALPHA
-            and found["training"][figure]["equivalence"]["equivalent"],
-            f"{figure} is lower in every seed without it, within the margin",
+            and found["training"][metric]["p_holm"] <= ALPHA
+            and found["training"][metric]["equivalence"]["equivalent"],
+            f"{metric} is lower in every seed without it, within the margin",
         )
-    for figure in ("energy_efficiency_bit_per_joule", "load_jfi"):
-        without, own = (document["late_changes"][name][figure]["ci95"] for name in ("no-rf", BASE))
+    for metric in ("energy_efficiency_bit_per_joule", "load_jfi"):
+        without, own = (document["late_changes"][name][metric]["ci95"] for name in ("no-rf", BASE))
         must_hold(without[0] > 0.0 and own[0] < 0.0 < own[1], "both rise; with it nothing changes")
 
 
@@ -86,13 +86,13 @@ def summary_block() -> str:
     _check_effects(document)
     flown, trained = (document["comparisons"][kind]["no-rf"] for kind in ("evaluation", "training"))
     low, high = flown["rate_jfi"]["difference"]["ci95"]
-    figures = ("reward", "rate_jfi", "load_jfi")
-    losses = ", ".join(f"{-trained[figure]['relative']:.1%}" for figure in figures)
-    p_value = max(trained[figure]["p_holm"] for figure in figures)
+    metrics = ("reward", "rate_jfi", "load_jfi")
+    losses = ", ".join(f"{-trained[metric]['relative']:.1%}" for metric in metrics)
+    p_value = max(trained[metric]["p_holm"] for metric in metrics)
     late = document["late_changes"]["no-rf"]
     rises = " and ".join(
-        f"{METRICS[figure].title} {signed(figure, late[figure]['iqm'])}"
-        for figure in ("energy_efficiency_bit_per_joule", "load_jfi")
+        f"{METRICS[metric].title} {signed(metric, late[metric]['iqm'])}"
+        for metric in ("energy_efficiency_bit_per_joule", "load_jfi")
     )
     zero, alone = (doing_nothing(document, deterministic) for deterministic in (True, False))
     utility = {
@@ -109,7 +109,7 @@ def summary_block() -> str:
     must_hold(first == 2 * window, "fires at the first episode at which it can")
     bullets = (
         "**On unseen topologies no difference is shown**, with deterministic or sampled actions; "
-        "most figures are equivalent within the margin. The means point towards "
+        "most metrics are equivalent within the margin. The means point towards "
         "Reset-and-Finetune (rate JFI without it: "
         f"{signed('rate_jfi', flown['rate_jfi']['difference']['mean'])} "
         f"[{signed('rate_jfi', low)}, {signed('rate_jfi', high)}]).",
@@ -139,8 +139,8 @@ def effects_block() -> str:
     parts = []
     for kind, title in KINDS.items():
         rows = [
-            [figure, *cells[: len(_HEADS) - 1], base, own]
-            for _, figure, *cells, base, own, _ in comparison_rows(document, kind)
+            [metric, *cells[: len(_HEADS) - 1], base, own]
+            for _, metric, *cells, base, own, _ in comparison_rows(document, kind)
         ]
         heads = [*_HEADS, "with (IQM)", "without (IQM)"]
         parts += [f"**{title.capitalize()}**", table(heads, rows)]
@@ -151,9 +151,9 @@ def controls_block() -> str:
     """Which half of Reset-and-Finetune does what it does."""
     document = read(CONTROLS)
     rows = [
-        [f"`{name}`", METRICS[figure].heading, *_control_cells(document, name, figure)]
+        [f"`{name}`", METRICS[metric].heading, *_control_cells(document, name, metric)]
         for name in document["comparisons"]["training"]
-        for figure in ("reward", "rate_jfi", "load_jfi", "energy_efficiency_bit_per_joule")
+        for metric in ("reward", "rate_jfi", "load_jfi", "energy_efficiency_bit_per_joule")
     ]
     heads = ["variant", "last training episodes", "difference [95 %]", "p (Holm)", "verdict"]
     utility = [
@@ -172,11 +172,11 @@ def controls_block() -> str:
     )
 
 
-def _control_cells(document: Mapping[str, Any], name: str, figure: str) -> list[str]:
-    found = document["comparisons"]["training"][name][figure]
+def _control_cells(document: Mapping[str, Any], name: str, metric: str) -> list[str]:
+    found = document["comparisons"]["training"][name][metric]
     low, high = found["difference"]["ci95"]
-    mean = signed(figure, found["difference"]["mean"])
-    ends = f"[{signed(figure, low)}, {signed(figure, high)}]"
+    mean = signed(metric, found["difference"]["mean"])
+    ends = f"[{signed(metric, low)}, {signed(metric, high)}]"
     return [f"{mean} {ends}", f"{found['p_holm']:.3f}", found["verdict"]]
 
 
@@ -191,12 +191,12 @@ def twins_block() -> str:
     for name in document["values"]["evaluation"]:
         for kind, suffix in (("evaluation", ""), ("sampled", ", sampled")):
             values = document["values"][kind][name]
-            shown = [METRICS[figure].text(values[figure]["iqm"]) for figure in FLOWN]
+            shown = [METRICS[metric].text(values[metric]["iqm"]) for metric in FLOWN]
             rows.append([f"`{name}`{suffix}, IQM of {values[FLOWN[0]]['n']} seeds", *shown])
     shown_others = _without_repetition(document["others"])
     for label, result in shown_others.items():
-        rows.append([label, *(METRICS[figure].text(result[figure]["mean"]) for figure in FLOWN)])
-    return table(["", *(METRICS[figure].heading for figure in FLOWN)], rows)
+        rows.append([label, *(METRICS[metric].text(result[metric]["mean"]) for metric in FLOWN)])
+    return table(["", *(METRICS[metric].heading for metric in FLOWN)], rows)
 
 
 def _without_repetition(others: list[Mapping[str, Any]]) -> dict[str, Mapping[str, Any]]:
@@ -213,17 +213,17 @@ def _without_repetition(others: list[Mapping[str, Any]]) -> dict[str, Mapping[st
 
 
 def late_block() -> str:
-    """Whether figures fall late in training (claim C4)."""
+    """Whether metrics fall late in training (claim C4)."""
     document = read(NAME)
     rows = []
-    for figure in TRAINED:
+    for metric in TRAINED:
         cells = []
         for name in (BASE, "no-rf"):
-            change = document["late_changes"][name][figure]
+            change = document["late_changes"][name][metric]
             low, high = change["ci95"] or (None, None)
-            ends = f" [{signed(figure, low)}, {signed(figure, high)}]" if low is not None else ""
-            cells.append(f"{signed(figure, change['iqm'])}{ends}")
-        rows.append([METRICS[figure].heading, *cells])
+            ends = f" [{signed(metric, low)}, {signed(metric, high)}]" if low is not None else ""
+            cells.append(f"{signed(metric, change['iqm'])}{ends}")
+        rows.append([METRICS[metric].heading, *cells])
     first, last = SETTLED
     title = f"last {FINAL_EPISODES} episodes minus episodes {first}–{last}"
     return table([title, "with", "without"], rows)
@@ -270,11 +270,17 @@ def draw_ablations() -> list[Path]:
     from matplotlib import style
     from matplotlib.figure import Figure
 
-    from orchid_uav.experiments.figures.style import PAGE_IN, STYLE, looks_of, set_ticks, setting_of
+    from orchid_uav.experiments.figures.style import (
+        PAGE_IN,
+        STYLE,
+        line_styles,
+        set_ticks,
+        setting_of,
+    )
 
     document = read(NAME)
     curves = document["learning_curves"]
-    looks = looks_of([BASE, "no-rf"])
+    looks = line_styles([BASE, "no-rf"])
     labels = {BASE: "with Reset-and-Finetune", "no-rf": "without"}
     shown = [name for name in TRAINED if name != "coverage"]  # which is 1 throughout
     with style.context(["default", STYLE]):

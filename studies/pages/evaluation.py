@@ -26,7 +26,7 @@ from studies.pages.markdown import (
 from studies.recording import RESULTS, read
 
 REFERENCE = ROOT / "runs" / "reference"
-UAV_FIGURES = ("energy_efficiency_bit_per_joule", "rate_jfi", "load_jfi", "worst_rate_bps")
+UAV_METRICS = ("energy_efficiency_bit_per_joule", "rate_jfi", "load_jfi", "worst_rate_bps")
 README_METHODS = (
     *("orchid", "orchid-zero", "orchid-no-rf", "maddpg-mmf", "maddpg-mmf-zero", "static-mmf"),
     *("loiter-mmf", "balanced-loiter", "planner"),
@@ -98,8 +98,8 @@ def tuning_block() -> str:
             score = f"{trial['utility']:.3f}"
             score = f"**{score}**" if trial["utility"] == best else score
             efficiency = trial["energy_efficiency_bit_per_joule"] / 1e6
-            figures = [f"{efficiency:.3f}", f"{trial['rate_jfi']:.3f}", f"{trial['load_jfi']:.3f}"]
-            rows.append([algorithm.upper(), *texts, score, *figures])
+            shown = [f"{efficiency:.3f}", f"{trial['rate_jfi']:.3f}", f"{trial['load_jfi']:.3f}"]
+            rows.append([algorithm.upper(), *texts, score, *shown])
         columns = ["", *header, "utility", "EE, Mbit/J", "rate JFI", "load JFI"]
         lines += ["", table(columns, rows)]
     return "\n".join(lines)
@@ -162,8 +162,8 @@ def uav_block() -> str:
     """The UAV study."""
     document = read("uavs")
     parts = ["100 topologies for each number of UAVs, 100 users; policies trained with 6."]
-    tables = uav_tables(document, UAV_FIGURES)
-    for metric, values in zip(UAV_FIGURES, tables, strict=True):
+    tables = uav_tables(document, UAV_METRICS)
+    for metric, values in zip(UAV_METRICS, tables, strict=True):
         picture = f"![{METRICS[metric].title} over the number of UAVs](figures/uavs_{metric}.png)"
         parts += [picture, values]
     return "\n\n".join([*parts, source("uavs", document)])
@@ -243,7 +243,7 @@ def draw_studies() -> list[Path]:
     """The figures of the UAV study and the training curves."""
     from orchid_uav.experiments.figures.evaluation_figures import draw_figures
 
-    drawn = draw_figures(read("uavs")["results"], FIGURES / "new", UAV_FIGURES)
+    drawn = draw_figures(read("uavs")["results"], FIGURES / "new", UAV_METRICS)
     paths = []
     for path in drawn:
         if path.suffix == ".png":

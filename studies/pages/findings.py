@@ -114,8 +114,8 @@ def _mobile(results: Sequence[Mapping[str, Any]], method: str, speed_mps: float)
 def _reset() -> str:
     document = read(NAME)
     losses = [
-        -document["comparisons"]["training"]["no-rf"][figure]["relative"]
-        for figure in ("reward", "rate_jfi", "load_jfi")
+        -document["comparisons"]["training"]["no-rf"][metric]["relative"]
+        for metric in ("reward", "rate_jfi", "load_jfi")
     ]
     return (
         "**Reset-and-Finetune helps a little in training, and no effect is shown on unseen "

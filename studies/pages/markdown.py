@@ -35,7 +35,7 @@ def recorded(document: Mapping[str, Any]) -> str:
 
 
 def source(name: str, document: Mapping[str, Any]) -> str:
-    """When, where and how the figures were made."""
+    """When, where and how the numbers were made."""
     command = " ".join(document["command"])
     if name.endswith("_N"):
         command = command.rpartition(" ")[0] + " N"

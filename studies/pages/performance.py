@@ -11,9 +11,9 @@ PAGE = ROOT / "docs" / "performance.md"
 INTRODUCTION = """\
 # Performance
 
-`make bench` measures this anew. All figures here come from the JSON files under
+`make bench` measures this anew. All numbers here come from the JSON files under
 [studies/results](../studies/results), which hold every repetition, through
-`make docs-data`. Everything runs on one core. Absolute figures belong to the machine
+`make docs-data`. Everything runs on one core. Absolute numbers belong to the machine
 named. Ratios were taken side by side within one run, but they too depend on the processor: NumPy
 computes exponentials and logarithms with vector instructions, compiled code one by one.
 Training beside BenchMARL's is [elsewhere](validation.md#speed-of-training).
@@ -32,8 +32,8 @@ Medians of {repetitions} repetitions, in which all cases took turns.
 leaves out most link evaluations, as the compiled step does (a UAV that is farther, weighted by
 power, and seen lower cannot be received better); `all links` goes without that. The C library is
 told to keep freed memory, as it does by itself in a process that has once freed a large array;
-`fresh process` shows NumPy without that. `SB3 face` is `make_vec_env(…).step`, as the learner calls
-it.
+`fresh process` shows NumPy without that. `SB3 interface` is `make_vec_env(…).step`, as the
+learner calls it.
 `mobile-env` is PyPI's mobile-env {mobile_env} with {mobile_env_stations} stations and {users}
 walking users: no flight, no propulsion, no fairness, no batch.
 """
@@ -74,9 +74,9 @@ EVALUATION_TEXT = """\
 ## Evaluation
 
 The UAV study: {first} to {last} UAVs, {method_count} methods ({methods}), {episodes} topologies
-each, {flights:,} episodes in all, from the drawing of the topologies to the figures of every
+each, {flights:,} episodes in all, from the drawing of the topologies to the metrics of every
 episode. `one at a time` does the same one world after the other: SuperSuit's rows, SB3's `predict`,
-the same figures ({episodes_one_at_a_time} episode of every UAV count and method). One thread,
+the same metrics ({episodes_one_at_a_time} episode of every UAV count and method). One thread,
 medians of {repetitions} repetitions in turns.
 """
 

@@ -11,7 +11,7 @@ from scipy.optimize import minimize_scalar
 
 import tests.helpers.independent_network as independent
 from orchid_uav.agents import LocalActor
-from orchid_uav.agents.controllers.controller import Method, act_towards
+from orchid_uav.agents.controllers.controller import Controller, act_towards
 from orchid_uav.agents.controllers.heuristics import (
     BalancedLoiter,
     Hover,
@@ -48,7 +48,7 @@ def drawn(
     return world
 
 
-def fly(method: Method, world: WorldBatch, slots: int) -> None:
+def fly(method: Controller, world: WorldBatch, slots: int) -> None:
     method.begin(world)
     for _ in range(slots):
         world.step(method.act(world))
@@ -116,7 +116,7 @@ class TestTopologies:
         generator = np.random.default_rng(0)
         for _ in range(2):  # the second episode begins in worlds that have been used
             by_reset.reset()
-            by_hand.begin(by_hand.draw_topologies())
+            by_hand.use_topology(by_hand.draw_topologies())
             assert_same(contents(by_reset), contents(by_hand))
             for _ in range(10):
                 actions = generator.uniform(-1, 1, (3, 6, 4))
@@ -131,7 +131,7 @@ class TestTopologies:
         for _ in range(8):
             used.step(np.ones((2, 6, 4)))
         for world in (used, fresh):
-            world.begin(topologies)
+            world.use_topology(topologies)
         assert_same(contents(used), contents(fresh))
         arrays = used.arrays
         np.testing.assert_array_equal(arrays.users_m, topologies.users_m.transpose(0, 2, 1))
@@ -143,7 +143,7 @@ class TestTopologies:
     def test_begun_shadow_the_links_of_the_gbs_as_drawn(self):
         world = WorldBatch(worlds=2, seed=9)
         topologies = world.draw_topologies()
-        world.begin(topologies)
+        world.use_topology(topologies)
         users_m = topologies.users_m - 1000.0
         distances_m = np.sqrt((users_m**2).sum(axis=-1) + 30.0**2)
         reference_db = 20.0 * math.log10(4.0 * math.pi * 2.4e9 / 299_792_458.0)
@@ -160,16 +160,16 @@ class TestTopologies:
             world.reset()
             world.step(np.full((4, 6, 4), 0.5))
         by_reset.reset([3, 1])
-        by_hand.begin(by_hand.draw_topologies([3, 1]), [3, 1])
+        by_hand.use_topology(by_hand.draw_topologies([3, 1]), [3, 1])
         assert_same(contents(by_reset), contents(by_hand))
         assert by_hand.arrays.slot.tolist() == [1, 0, 1, 0]
 
     def test_chosen_begin_in_another_batch_as_they_do_in_their_own(self):
         world = WorldBatch(Parameters().with_overrides(WALKING), worlds=5, seed=5)
         topologies = world.draw_topologies()
-        world.begin(topologies)
+        world.use_topology(topologies)
         part = WorldBatch(world.parameters, worlds=2, seed=77)
-        part.begin(topologies.chosen(slice(2, 4)))
+        part.use_topology(topologies.chosen(slice(2, 4)))
         for _ in range(5):
             world.step(np.full((5, 6, 4), 0.3))
             part.step(np.full((2, 6, 4), 0.3))

@@ -7,7 +7,7 @@ import pytest
 
 import tests.helpers.independent_network as independent
 from orchid_uav.agents.controllers import planner
-from orchid_uav.agents.controllers.controller import Method
+from orchid_uav.agents.controllers.controller import Controller
 from orchid_uav.agents.controllers.heuristics import BalancedLoiter, Loiter, candidate_starts
 from orchid_uav.agents.controllers.planner import Planner
 from orchid_uav.envs import Parameters, WorldBatch, evaluation_seeds
@@ -27,7 +27,7 @@ def drawn(worlds: int = 1, overrides: dict | None = None, first: int = 0) -> Wor
     return world
 
 
-def fly(method: Method, world: WorldBatch, slots: int) -> np.ndarray:
+def fly(method: Controller, world: WorldBatch, slots: int) -> np.ndarray:
     """Utility (B,) of a flight."""
     method.begin(world)
     diagnostics = Diagnostics(world)

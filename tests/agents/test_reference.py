@@ -19,7 +19,7 @@ from orchid_uav.experiments.evaluation.methods import (
     read_released,
     select,
 )
-from orchid_uav.experiments.runs.directory import final_figures, read_episodes
+from orchid_uav.experiments.runs.directory import final_metrics, read_episodes
 from studies.reference_policies import EVALUATION_FILE, KEPT_FILES, REFERENCE, TOPOLOGIES, fly
 
 KEYS = sorted(RELEASED)
@@ -108,7 +108,7 @@ def test_the_record_agrees_with_the_episodes(key):
     rows = read_episodes(REFERENCE / key / "episodes.csv")
     assert record["status"] == "completed"
     assert len(rows) == record["episodes"] == (1000 if key == "orchid-pf" else 700)
-    assert record["final"] == pytest.approx(final_figures(rows))
+    assert record["final"] == pytest.approx(final_metrics(rows))
     resets = [row["episode"] for row in rows if row["reset"]]
     assert resets == record["reset_episodes"]
     assert bool(resets) == (key in ("orchid", "orchid-pf", "orchid-random-init"))

@@ -24,7 +24,7 @@ import safetensors.numpy
 
 from orchid_uav import notices
 from orchid_uav.cli.progress import training as display
-from orchid_uav.experiments.evaluation.methods import read_run
+from orchid_uav.experiments.evaluation.methods import read_policy
 from orchid_uav.experiments.runs import directory as run_directory
 from orchid_uav.experiments.runs.directory import RunDirectory
 from orchid_uav.experiments.runs.records import read_record, status_of
@@ -407,7 +407,7 @@ class TestReadOnly:
             assert time.monotonic() - began < 10
             shown = orchid("runs", "show", run, "--json")
             assert json.loads(shown.out)["status"] == "completed"
-            assert read_run(run).run == run.name, "what can be read can be evaluated"
+            assert read_policy(run).run == run.name, "what can be read can be evaluated"
             assert fingerprint(path) == before
 
     @pytest.fixture

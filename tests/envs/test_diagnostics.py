@@ -488,11 +488,11 @@ class TestEpisodes:
         world, diagnostics = begun({"user_speed_mps": speed_mps}, worlds=3, seed=8)
         first = self.fly(world, diagnostics, 6)
         topologies = world.draw_topologies()
-        world.begin(topologies)
+        world.use_topology(topologies)
         diagnostics.begin()
         second = self.fly(world, diagnostics, 6)
         assert second != first
-        world.begin(topologies)
+        world.use_topology(topologies)
         assert self.fly(world, Diagnostics(world), 6) == second
 
     def test_figures_are_means_over_the_slots_so_far(self):

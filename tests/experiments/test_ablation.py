@@ -45,7 +45,7 @@ from orchid_uav.experiments.ablation.design import (
     trained_values,
     world_values,
 )
-from orchid_uav.experiments.ablation.variants import Variant, applied, assigned
+from orchid_uav.experiments.ablation.variants import Variant, apply_variant, assigned
 from orchid_uav.experiments.errors import RunFailedError
 from orchid_uav.experiments.evaluation import flights as evaluation
 from orchid_uav.experiments.evaluation.flights import Plan, Setting, evaluate
@@ -189,12 +189,12 @@ def without_times(part):
 
 
 def flown(study: Path) -> dict:
-    """Of each method, and whether it is deterministic, the figures of all topologies."""
+    """Of each method, and whether it is deterministic, the metrics of all topologies."""
     table = pq.read_table(study / "evaluation" / "episodes.parquet").to_pylist()
-    figures: dict = {}
+    metrics: dict = {}
     for row in table:
-        figures.setdefault((row["method"], row["deterministic"]), []).append(row)
-    return figures
+        metrics.setdefault((row["method"], row["deterministic"]), []).append(row)
+    return metrics
 
 
 # What is flown
@@ -230,20 +230,20 @@ class TestPlan:
     )
     def test_the_world_of_a_variant_is_what_flights_depend_on(self, text, expected):
         [variant] = assigned([text])
-        assert world_values(applied(variant, self.BASE), self.BASE) == expected
+        assert world_values(apply_variant(variant, self.BASE), self.BASE) == expected
         ablation = Ablation(self.BASE, [variant], [0], 4, 0, 0.05)
         assert differing_worlds(ablation) == ({variant.name: list(expected)} if expected else {})
 
     def test_worlds_have_topologies_of_their_own_and_rewards_have_not(self, monkeypatch):
         original, seen = evaluation._fly_batch, {}
 
-        def spy(entry, parameters, topologies, *others):
-            seen[entry.key] = (topologies.users_m, parameters)
-            return original(entry, parameters, topologies, *others)
+        def spy(contender, parameters, topologies, *others):
+            seen[contender.key] = (topologies.users_m, parameters)
+            return original(contender, parameters, topologies, *others)
 
         monkeypatch.setattr(evaluation, "_fly_batch", spy)
         rule = rules()["static-mmf"]
-        entries = [rule] + [
+        contenders = [rule] + [
             replace(rule.with_overrides({key: value}), key=key)
             for key, value in (
                 ("network.scatter_std_m", 5.0),
@@ -253,7 +253,7 @@ class TestPlan:
         ]
         network = self.BASE.network
         setting = Setting("tcp", network.uav_count, network.user_count, 2.0, 1.0)
-        evaluate(Plan(entries, [setting], 3, 0, self.BASE.network_parameters))
+        evaluate(Plan(contenders, [setting], 3, 0, self.BASE.network_parameters))
         own, _ = seen["static-mmf"]
         assert not np.array_equal(seen["network.scatter_std_m"][0], own)
         assert np.array_equal(seen["network.user_speed_mps"][0], own)
@@ -265,10 +265,10 @@ class TestPlan:
 
 
 def log(**series):
-    """Rows of a run; figures that are not given are 0."""
+    """Rows of a run; metrics that are not given are 0."""
     count = len(next(iter(series.values())))
-    figures = dict.fromkeys(COLUMNS, [0.0] * count) | series
-    return [{name: values[row] for name, values in figures.items()} for row in range(count)]
+    metrics = dict.fromkeys(COLUMNS, [0.0] * count) | series
+    return [{name: values[row] for name, values in metrics.items()} for row in range(count)]
 
 
 class TestStatistics:
@@ -352,8 +352,8 @@ class TestStatistics:
         assert found["own"]["utility"]["n"] == 5
         assert found["own"]["utility"]["failed_base"] == 1
 
-    def test_figures_of_one_variant_are_one_family(self):
-        base = {figure: [0.0] * 8 for figure in ("utility", "coverage")}
+    def test_metrics_of_one_variant_are_one_family(self):
+        base = {metric: [0.0] * 8 for metric in ("utility", "coverage")}
         # All eight differences have one sign: p = 2/2^8, twice that in a family of two.
         own = {"utility": [1.0 + seed for seed in range(8)], "coverage": [-1.0, 1.0] * 4}
         alone = compare({"base": base, "own": own}, ("utility", "coverage"), 0.05)
@@ -398,7 +398,7 @@ class TestStatistics:
         ablation = Ablation(base, variants, [0], 1, 0, 0.05)
         assert ablation.rewarded_otherwise() == ["pf"]
 
-    def test_values_are_described_by_variant_and_figure(self):
+    def test_values_are_described_by_variant_and_metric(self):
         found = describe_values({"base": {"utility": [1.0, 2.0, 3.0, 4.0, 50.0, math.nan]}})
         assert found["base"]["utility"]["iqm"] == 3.0  # of 2, 3, 4
         assert found["base"]["utility"]["mean"] == 12.0
@@ -529,21 +529,21 @@ class TestFinished:
             assert base[5:] != own[5:]
 
     def test_all_fly_the_same_topologies(self, finished):
-        figures = flown(finished.path)
+        metrics = flown(finished.path)
         policies = {f"{name}-s{seed}" for name in ("base", "no-rf") for seed in (0, 1)}
         silent = {("base-s0-zero", True), ("no-rf-s0-zero", True)}
         noisy = {(f"{key}-zero", False) for key in policies}
         rules = {(key, True) for key in ("static-mmf", "loiter-mmf", "balanced-loiter")}
         sampled = {(key, False) for key in policies}
-        assert set(figures) == {(key, True) for key in policies} | sampled | silent | noisy | rules
-        seeds = [row["seed"] for row in figures["base-s0", True]]
+        assert set(metrics) == {(key, True) for key in policies} | sampled | silent | noisy | rules
+        seeds = [row["seed"] for row in metrics["base-s0", True]]
         assert len(set(seeds)) == TOPOLOGIES
-        for rows in figures.values():
+        for rows in metrics.values():
             assert [row["seed"] for row in rows] == seeds
         # What does nothing does the same on the same topologies.
-        for figure in FLOWN:
+        for metric in FLOWN:
             zero, again = (
-                [row[figure] for row in figures[f"{name}-s0-zero", True]]
+                [row[metric] for row in metrics[f"{name}-s0-zero", True]]
                 for name in ("base", "no-rf")
             )
             assert zero == again
@@ -554,12 +554,12 @@ class TestFinished:
         assert "4 of them done before" in finished.out
         lines = [line.split("\t") for line in finished.out.splitlines()]
         heads = (
-            "variant|figure|difference [95 %]|relative|P(better)|p (Holm)|verdict|base|variant's"
+            "variant|metric|difference [95 %]|relative|P(better)|p (Holm)|verdict|base|variant's"
         )
         assert lines.count([*heads.split("|"), "seeds"]) == 3
-        figures = flown(study)
+        metrics = flown(study)
         means = {
-            (name, seed): np.mean([row["utility"] for row in figures[f"{name}-s{seed}", True]])
+            (name, seed): np.mean([row["utility"] for row in metrics[f"{name}-s{seed}", True]])
             for name in ("base", "no-rf")
             for seed in (0, 1)
         }
@@ -579,7 +579,7 @@ class TestFinished:
         print_ablation(out, document_of(finished.path))
         lines = [line.rstrip() for line in screen.getvalue().splitlines()]
         assert max(map(len, lines)) <= width
-        heads = [line for line in lines if line.startswith("figure ")]
+        heads = [line for line in lines if line.startswith("metric ")]
         assert len(heads) == 3
         for name in ("difference [95 %]", "P(better)", "p (Holm)", "verdict"):
             assert name in heads[0]
@@ -613,46 +613,46 @@ class TestGrown:
         assert len(document["runs"]) == 20
 
     @pytest.mark.parametrize("is_deterministic", [True, False])
-    def test_flown_figures_are_means_over_topologies_compared_by_seed(
+    def test_flown_metrics_are_means_over_topologies_compared_by_seed(
         self, grown, is_deterministic
     ):
-        document, figures = document_of(grown.path), flown(grown.path)
+        document, metrics = document_of(grown.path), flown(grown.path)
         kind = "evaluation" if is_deterministic else "sampled"
         names = ["base", "no-rf", "frozen", WALKING]
-        for figure in FLOWN:
+        for metric in FLOWN:
             means = {
                 name: np.array(
                     [
                         np.mean(
-                            [row[figure] for row in figures[f"{name}-s{seed}", is_deterministic]]
+                            [row[metric] for row in metrics[f"{name}-s{seed}", is_deterministic]]
                         )
                         for seed in range(5)
                     ]
                 )
                 for name in names
             }
-            assert_compared(document, kind, figure, means)
+            assert_compared(document, kind, metric, means)
 
-    def test_trained_figures_are_means_of_the_last_episodes(self, grown):
+    def test_trained_metrics_are_means_of_the_last_episodes(self, grown):
         document = document_of(grown.path)
         names = ["base", "no-rf", "frozen", WALKING]
-        for figure in TRAINED:
+        for metric in TRAINED:
             means = {
                 name: np.array(
                     [
-                        np.mean(columns(run_of(grown.path, name, seed))[figure][-50:])
+                        np.mean(columns(run_of(grown.path, name, seed))[metric][-50:])
                         for seed in range(5)
                     ]
                 )
                 for name in names
             }
-            assert_compared(document, "training", figure, means)
+            assert_compared(document, "training", metric, means)
 
     def test_a_variant_with_another_world_flies_in_its_own(self, grown, orchid, tmp_path):
         assert f"note: {WALKING} is flown in its own world, which differs in {WALKING[:-3]}" in (
             grown.err
         )
-        figures = flown(grown.path)
+        metrics = flown(grown.path)
         world = ["--set=network.episode_slots=10", "--uavs=2", "--users=20", "--no-figures"]
         for name, speed in ((WALKING, 15), ("base", 0)):
             flight = orchid(
@@ -660,10 +660,10 @@ class TestGrown:
                 *(f"--speeds={speed}", f"--episodes={TOPOLOGIES}", f"--out={tmp_path / name}"),
             )
             rule, own, _ = json.loads(flight.out)["results"]
-            for figure in FLOWN:
-                mean = np.mean([row[figure] for row in figures[f"{name}-s0", True]])
-                assert own[figure]["mean"] == pytest.approx(mean, rel=1e-12)
-            utilities = [row["utility"] for row in figures["static-mmf", True]]
+            for metric in FLOWN:
+                mean = np.mean([row[metric] for row in metrics[f"{name}-s0", True]])
+                assert own[metric]["mean"] == pytest.approx(mean, rel=1e-12)
+            utilities = [row["utility"] for row in metrics["static-mmf", True]]
             is_same_world = rule["utility"]["mean"] == pytest.approx(np.mean(utilities), rel=1e-12)
             assert is_same_world == (name == "base")
 
@@ -689,19 +689,19 @@ class TestGrown:
         )
 
 
-def assert_compared(document, kind, figure, means) -> None:
+def assert_compared(document, kind, metric, means) -> None:
     """A document holds what follows from the mean of each variant and seed."""
     middle = {name: np.mean(np.sort(values)[1:4]) for name, values in means.items()}
     for name, values in means.items():
-        described = document["values"][kind][name][figure]
+        described = document["values"][kind][name][metric]
         assert (described["n"], described["failed"]) == (5, 0)
         assert described["mean"] == pytest.approx(np.mean(values), rel=1e-12)
         assert described["iqm"] == pytest.approx(middle[name], rel=1e-12)
         assert [
-            run[kind][figure] for run in document["runs"] if run["variant"] == name
+            run[kind][metric] for run in document["runs"] if run["variant"] == name
         ] == pytest.approx(list(values), rel=1e-12)
         if name != "base":
-            found = document["comparisons"][kind][name][figure]
+            found = document["comparisons"][kind][name][metric]
             differences = values - means["base"]
             assert found["difference"]["mean"] == pytest.approx(
                 np.mean(differences), rel=1e-9, abs=1e-12

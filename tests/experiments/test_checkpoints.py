@@ -18,7 +18,7 @@ from orchid_uav.experiments.training import loop as training
 from orchid_uav.experiments.training.checkpoints import CheckpointStore
 from orchid_uav.experiments.training.state import TrainingState
 from orchid_uav.storage.files import sealed
-from orchid_uav.storage.tensors import TensorKind
+from orchid_uav.storage.tensors import TensorSpec
 from tests.helpers.processes import (
     Audience,
     columns,
@@ -47,10 +47,10 @@ def state_of(number: int) -> TrainingState:
     )
 
 
-def kinds_of(document) -> dict[str, dict[str, TensorKind]]:
+def kinds_of(document) -> dict[str, dict[str, TensorSpec]]:
     tensors = state_of(document["learner"]["number"]).tensors
     return {
-        name: {key: TensorKind.of(array) for key, array in arrays.items()}
+        name: {key: TensorSpec.of(array) for key, array in arrays.items()}
         for name, arrays in tensors.items()
     }
 
@@ -95,9 +95,9 @@ class TestContent:
             "one": np.array(2.5, np.float32),
         }
         written = {"odd": 1 / 3, "large": 2**127, "text": "µ", "nothing": None}
-        kinds = {"things": {name: TensorKind.of(array) for name, array in arrays.items()}}
+        specs = {"things": {name: TensorSpec.of(array) for name, array in arrays.items()}}
         store.save(5, TrainingState({"learner": written}, {"things": arrays}), LOG)
-        document, tensors = store.read(5, lambda document: kinds)
+        document, tensors = store.read(5, lambda document: specs)
         assert document["learner"] == written
         assert (document["log_size"], document["log_sha256"]) == LOG
         for name, array in arrays.items():

@@ -33,9 +33,9 @@ from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.evaluation import directory as evaluation_files
 from orchid_uav.experiments.evaluation import flights as evaluation
 from orchid_uav.experiments.evaluation.flights import Plan, Setting, evaluate, summarise_flights
-from orchid_uav.experiments.evaluation.methods import known_methods, read_run, rules, select
+from orchid_uav.experiments.evaluation.methods import known_methods, read_policy, rules, select
 from orchid_uav.experiments.figures import evaluation_figures as drawing
-from orchid_uav.experiments.metrics import EPISODE_FIGURES, HEADROOM, METRICS
+from orchid_uav.experiments.metrics import EVALUATION_METRICS, HEADROOM, METRICS
 from orchid_uav.experiments.runs.records import find_run
 from orchid_uav.experiments.statistics import intervals as statistics
 from tests.helpers.processes import (
@@ -88,9 +88,9 @@ def evaluate_tiny(orchid, tmp_path, monkeypatch):
 ONE_SETTING = [Setting("tcp", 2, 20, 0.0, 1.0)]
 
 
-def tiny_plan(entries, settings=ONE_SETTING, episodes=4, **overrides):
+def tiny_plan(contenders, settings=ONE_SETTING, episodes=4, **overrides):
     world = Parameters().with_overrides({"network.episode_slots": 10, **overrides})
-    return Plan(entries, settings, episodes, seed=5, world=world)
+    return Plan(contenders, settings, episodes, seed=5, world=world)
 
 
 def fly(plan, **keywords):
@@ -117,8 +117,8 @@ def test_a_stop_of_which_no_exception_told_is_heeded_in_the_next_slot():
 
 @pytest.mark.parametrize(("key", "make"), [("static-mmf", Hover), ("loiter-mmf", Loiter)])
 def test_figures_are_those_of_worlds_flown_one_by_one(key, make):
-    entry = rules()[key]
-    plan = tiny_plan([entry])
+    contender = rules()[key]
+    plan = tiny_plan([contender])
     figures = fly(plan)[next(plan.flights()).key]
     parameters = plan.settings[0].apply(plan.world)
     for index, seed in enumerate(evaluation_seeds(5, 4)):
@@ -138,16 +138,16 @@ def test_all_methods_meet_the_same_users_whatever_their_start(trained, monkeypat
     seen = {}
     original = evaluation._fly_batch
 
-    def spy(entry, parameters, topologies, *others):
-        seen[entry.key] = topologies
-        return original(entry, parameters, topologies, *others)
+    def spy(contender, parameters, topologies, *others):
+        seen[contender.key] = topologies
+        return original(contender, parameters, topologies, *others)
 
     monkeypatch.setattr(evaluation, "_fly_batch", spy)
-    entries = [*select(["rules"], planner_evaluations=40), *select([], [trained])]
-    random_start = entries[-1].__class__(
+    contenders = [*select(["rules"], planner_evaluations=40), *select([], [trained])]
+    random_start = contenders[-1].__class__(
         "random", "", {"reward.objective": "mmf", "deployment.init": "random"}, lambda _: Hover()
     )
-    fly(tiny_plan([*entries, random_start], **{"network.sensing_error_std_m": 20.0}))
+    fly(tiny_plan([*contenders, random_start], **{"network.sensing_error_std_m": 20.0}))
     reference = seen["static-pf"]
     for key, topologies in seen.items():
         for name in ("users_m", "target_users", "shadowing_db", "walk_keys"):
@@ -168,7 +168,7 @@ def test_a_policy_flies_other_counts_than_it_was_trained_with(trained):
 def test_a_run_flies_as_its_actor_does_and_its_twin_hovers(trained):
     plan = tiny_plan([*select(["static-mmf"]), *select([], [trained])])
     static, learned, twin = fly(plan).values()
-    for name in EPISODE_FIGURES:
+    for name in EVALUATION_METRICS:
         assert np.array_equal(static[name], twin[name]), name
     world = WorldBatch(plan.settings[0].apply(plan.world), 4, evaluation_seeds(5, 4))
     world.set_progress(1.0)
@@ -181,37 +181,39 @@ def test_a_run_flies_as_its_actor_does_and_its_twin_hovers(trained):
 
 
 def test_sampled_rows_stand_beside_deterministic_ones(trained):
-    entries = select([], [trained], stochastic=True)
-    assert [(entry.key.endswith("-zero"), entry.deterministic) for entry in entries] == [
+    contenders = select([], [trained], stochastic=True)
+    assert [(one.key.endswith("-zero"), one.deterministic) for one in contenders] == [
         (False, True), (False, False), (True, True), (True, False)
     ]  # fmt: skip
-    figures = list(fly(tiny_plan(entries)).values())
+    figures = list(fly(tiny_plan(contenders)).values())
     assert not np.array_equal(figures[0]["reward"], figures[1]["reward"])
-    again = list(fly(tiny_plan(entries)).values())
+    again = list(fly(tiny_plan(contenders)).values())
     assert np.array_equal(figures[1]["reward"], again[1]["reward"])
 
 
 def test_the_first_topologies_do_not_depend_on_their_number(trained):
-    entries = select(["balanced-loiter", "track"], [trained], stochastic=True)
+    contenders = select(["balanced-loiter", "track"], [trained], stochastic=True)
     speed = [Setting("uniform", 3, 20, 5.0, 1.0)]
-    few, many = (fly(tiny_plan(entries, speed, episodes=count)) for count in (3, 7))
+    few, many = (fly(tiny_plan(contenders, speed, episodes=count)) for count in (3, 7))
     for key, figures in few.items():
         for name, values in figures.items():
             assert values == pytest.approx(many[key][name][:3], rel=1e-5), (key, name)
 
 
 def test_batches_that_are_too_large_are_divided(monkeypatch):
-    entries = select(["static-mmf"])
-    whole = fly(tiny_plan(entries, episodes=5))
+    contenders = select(["static-mmf"])
+    whole = fly(tiny_plan(contenders, episodes=5))
     monkeypatch.setattr(evaluation, "_WORLDS_AT_ONCE", 2)
-    divided = fly(tiny_plan(entries, episodes=5))
+    divided = fly(tiny_plan(contenders, episodes=5))
     for key in whole:
         assert np.array_equal(whole[key]["reward"], divided[key]["reward"])
 
 
 def test_headroom_lies_between_loiter_and_planner():
-    entries = select(["static-mmf", "loiter-mmf", "planner", "planner-retargeted"], (), False, 60)
-    plan = tiny_plan(entries)
+    contenders = select(
+        ["static-mmf", "loiter-mmf", "planner", "planner-retargeted"], (), False, 60
+    )
+    plan = tiny_plan(contenders)
     flown = fly(plan)
     results = {result["method"]: result for result in summarise_flights(plan, flown)}
     mean = {key: np.mean(figures["utility"]) for (*_, key, _), figures in flown.items()}
@@ -258,7 +260,7 @@ def test_summary_agrees_with_the_episodes(evaluate_tiny, tmp_path):
     for result in summary["results"]:
         own = [row for row in rows if all(row[key] == result[key] for key in keys)]
         assert [row["episode"] for row in own] == [0, 1, 2, 3]
-        for metric in EPISODE_FIGURES:
+        for metric in EVALUATION_METRICS:
             values = [row[metric] for row in own]
             described = result[metric]
             assert described["mean"] == pytest.approx(np.mean(values)), metric
@@ -569,7 +571,7 @@ def test_ambiguous_and_unknown_runs(trained, tmp_path):
         find_run("x", tmp_path / "nowhere")
     with pytest.raises(InputError, match="given twice"):
         select([], [trained, tmp_path / trained.name])
-    assert read_run(trained).run == trained.name
+    assert read_policy(trained).run == trained.name
 
 
 # Interruption
@@ -730,7 +732,7 @@ def test_no_share_of_a_headroom_that_is_not_there():
     setting = [Setting("tcp", 1, 20, 0.0, 1.0)]
     plan = tiny_plan(select(["static-mmf", "loiter-mmf", "planner"], (), False, 31), setting)
     figures = {"utility": np.array([1.0, 1.1, 1.2, 1.3])}
-    plain = {name: np.zeros(4) for name in EPISODE_FIGURES}
+    plain = {name: np.zeros(4) for name in EVALUATION_METRICS}
     flown = {flight.key: plain | figures for flight in plan.flights()}
     assert all(result[HEADROOM]["mean"] is None for result in summarise_flights(plan, flown))
 

@@ -18,7 +18,7 @@ from orchid_uav.experiments.configuration import SETTING_KEYS
 from orchid_uav.experiments.evaluation.methods import RELEASED, known_methods
 from orchid_uav.experiments.figures.contact_sheet import write_evaluation_sheet
 from orchid_uav.experiments.figures.evaluation_figures import MOST_LINES, draw_figures, draw_metric
-from orchid_uav.experiments.figures.style import COLUMN_IN, looks_of, setting_of
+from orchid_uav.experiments.figures.style import COLUMN_IN, line_styles, setting_of
 from orchid_uav.experiments.metrics import HEADROOM, METRICS
 
 RUN = "20261122T180343Z-orchid-s0-abcd"
@@ -485,10 +485,10 @@ class TestLooks:
         assert len(set(lines)) == len(lines)
 
     def test_of_a_method_does_not_depend_on_what_else_is_drawn(self):
-        together = looks_of(ALL)
+        together = line_styles(ALL)
         for label in ALL:
-            assert looks_of([label])[label] == together[label]
-        assert looks_of(["base", "no-rf"]) == {
+            assert line_styles([label])[label] == together[label]
+        assert line_styles(["base", "no-rf"]) == {
             "base": together["orchid"],
             "no-rf": together["orchid-no-rf"],
         }
@@ -506,12 +506,12 @@ class TestLooks:
         runs = [
             RUN.replace("abcd", letters) for letters in ("abcd", "zknc", "bvqf", "niyg", "rekq")
         ]
-        assert len({str(look[trait]) for look in looks_of(runs).values()}) == 5
+        assert len({str(look[trait]) for look in line_styles(runs).values()}) == 5
 
     def test_most_runs_look_the_same_alone_and_beside_another(self):
         runs = [RUN.replace("s0", f"s{seed}") for seed in range(30)]
         kept = [
-            looks_of([one, other])[one] == looks_of([one])[one]
+            line_styles([one, other])[one] == line_styles([one])[one]
             for one, other in itertools.pairwise(runs)
         ]
         assert sum(kept) > 15

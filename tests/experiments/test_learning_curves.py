@@ -24,7 +24,7 @@ from orchid_uav.cli.tables.terminal_curves import (
 )
 from orchid_uav.experiments.figures import learning_curves
 from orchid_uav.experiments.figures.learning_curves import draw_learning_curves
-from orchid_uav.experiments.figures.style import looks_of
+from orchid_uav.experiments.figures.style import line_styles
 from orchid_uav.experiments.statistics.curves import (
     DEFAULT_COLUMNS,
     MIN_RUNS,
@@ -253,7 +253,9 @@ class TestFigure:
     def test_a_run_looks_as_it_does_in_an_evaluation(self, drawn):
         for labels in (["orchid"], ["maddpg-pf", "20261122T211505Z-orchid-s0-zknc"]):
             figure, _ = drawn({label: [noisy(0)] for label in labels}, columns=["reward"])
-            for line, look in zip(lines_of(figure.axes[0]), looks_of(labels).values(), strict=True):
+            for line, look in zip(
+                lines_of(figure.axes[0]), line_styles(labels).values(), strict=True
+            ):
                 assert line.get_color() == look["color"]
                 assert line.get_marker() == look["marker"]
                 dashes = mpl.lines.Line2D([], [], linestyle=look["linestyle"])
@@ -322,7 +324,7 @@ class TestFigure:
         footnote = " ".join(figure.get_supxlabel().split())
         assert "[1] Identical curves: maddpg-mmf, maddpg-pf." in footnote
         alone = drawn({"maddpg-mmf": [noisy(0, 200)]}, columns=["reward", "rate_jfi"])[1]
-        colour = looks_of(["maddpg-mmf"])["maddpg-mmf"]["color"]
+        colour = line_styles(["maddpg-mmf"])["maddpg-mmf"]["color"]
         alone_pixels = pixels(alone, colour)
         drawn(groups, columns=["reward", "rate_jfi"])
         assert pixels(path, colour) > 0.5 * alone_pixels

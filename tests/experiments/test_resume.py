@@ -26,7 +26,7 @@ from orchid_uav.cli.progress import training as display
 from orchid_uav.envs.interfaces.sb3_vec_env import FleetVecEnv
 from orchid_uav.experiments import provenance
 from orchid_uav.experiments.errors import InputError, RunFailedError
-from orchid_uav.experiments.evaluation.methods import read_run
+from orchid_uav.experiments.evaluation.methods import read_policy
 from orchid_uav.experiments.interruption import Interruption
 from orchid_uav.experiments.runs.directory import RunDirectory
 from orchid_uav.experiments.runs.records import read_config, read_record, status_of
@@ -570,7 +570,7 @@ class TestExtension:
             assert record["former_ids"] == [complete.name]
             assert learned_files(copy) == learned_files(whole)
             assert json.loads((copy / "policy.json").read_text())["run"] == known_as
-            assert read_run(copy).run == known_as
+            assert read_policy(copy).run == known_as
         assert fingerprint(complete) == before
         assert record_of(whole)["id"] == complete.name
         assert "former_ids" not in record_of(whole)

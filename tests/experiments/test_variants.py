@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 from orchid_uav.experiments.ablation.variants import (
     CONTROLS,
     Variant,
-    applied,
+    apply_variant,
     assigned,
     check_variants,
     control,
-    listed,
+    variants_of_values,
 )
 from orchid_uav.experiments.configuration import RunConfig
 from orchid_uav.experiments.errors import InputError
@@ -36,11 +36,13 @@ def differences(config: RunConfig, base: RunConfig = PAPER) -> dict[str, object]
 
 class TestNames:
     def test_values_of_an_option_are_a_variant_each(self):
-        assert listed("init", "deployment.init", ["random", "kmeans"]) == [
+        assert variants_of_values("init", "deployment.init", ["random", "kmeans"]) == [
             Variant("init-random", {"deployment.init": "random"}),
             Variant("init-kmeans", {"deployment.init": "kmeans"}),
         ]
-        assert listed("kappa", "reset.kappa", [0.1]) == [Variant("kappa-0.1", {"reset.kappa": 0.1})]
+        assert variants_of_values("kappa", "reset.kappa", [0.1]) == [
+            Variant("kappa-0.1", {"reset.kappa": 0.1})
+        ]
 
     def test_assignments_are_a_variant_each(self):
         assert assigned(["network.user_speed_mps=15", "ppo.entropy_coef=[0.02, 0]"]) == [
@@ -66,16 +68,16 @@ class TestApplied:
     def test_changes_the_given_values_and_no_other(self):
         base = tiny_config(5, reset__kappa=0.3, training__seed=7, reward__shares="se")
         variant = Variant("both", {"reset.window": 9, "ppo.hidden_sizes": [8]})
-        config = applied(variant, base)
+        config = apply_variant(variant, base)
         assert differences(config, base) == {"reset.window": 9, "ppo.hidden_sizes": (8,)}
 
     def test_an_unknown_key_names_the_nearest(self):
         with pytest.raises(InputError, match=r"'reset\.kapa': did you mean 'reset\.kappa'"):
-            applied(Variant("typo", {"reset.kapa": 0.1}), PAPER)
+            apply_variant(Variant("typo", {"reset.kapa": 0.1}), PAPER)
 
     def test_a_value_that_does_not_fit_is_told_with_its_variant(self):
         with pytest.raises(InputError, match=r"reset.kappa(?s:.*)7(?s:.*)variant kappa-7"):
-            applied(Variant("kappa-7", {"reset.kappa": 7}), PAPER)
+            apply_variant(Variant("kappa-7", {"reset.kappa": 7}), PAPER)
 
 
 class TestControls:
@@ -112,7 +114,7 @@ class TestControls:
         ],
     )
     def test_change_one_thing_about_the_base(self, name, expected):
-        assert differences(applied(control(name, PAPER), PAPER)) == expected
+        assert differences(apply_variant(control(name, PAPER), PAPER)) == expected
 
     @pytest.mark.parametrize("own_scale", [1.0, 0.3])
     @pytest.mark.parametrize(("kappa", "resets"), [(0.5, 1), (0.5, 3), (0.05, 1), (0.1, 5)])
@@ -125,12 +127,12 @@ class TestControls:
         scale = 1.0
         for _ in range(resets):
             scale = max(scale * kappa, 0.01)  # no rate falls lower (M22)
-        config = applied(control("linear-decay", base), base)
+        config = apply_variant(control("linear-decay", base), base)
         assert config.training.final_learning_rate_scale == pytest.approx(scale * own_scale)
 
     def test_a_frozen_policy_of_maddpg_has_its_rates_at_zero(self):
         base = tiny_config(training__algorithm="maddpg", reset__enabled=True)
-        assert differences(applied(control("frozen", base), base), base) == {
+        assert differences(apply_variant(control("frozen", base), base), base) == {
             "reset.enabled": False,
             "maddpg.actor_learning_rate": 0.0,
             "maddpg.critic_learning_rate": 0.0,
@@ -156,7 +158,10 @@ class TestCheck:
             ([], "nothing to compare: name a variant, such as --no-rf"),
             ([NO_RF, NO_RF], "two variants are called 'no-rf'"),
             ([Variant("base", {"reset.kappa": 0.1})], "two variants are called 'base'"),
-            (listed("kappa", "reset.kappa", [0.5]), "'kappa-0.5' is the same as the base"),
+            (
+                variants_of_values("kappa", "reset.kappa", [0.5]),
+                "'kappa-0.5' is the same as the base",
+            ),
             (
                 [NO_RF, *assigned(["reset.enabled=false"])],
                 "'reset.enabled-false' is the same as variant 'no-rf'",
@@ -177,9 +182,9 @@ class TestCheck:
     def test_has_nothing_to_say_about_most(self):
         variants = [
             NO_RF,
-            *listed("kappa", "reset.kappa", [0.1, 0.3]),
-            *listed("shares", "reward.shares", ["se"]),
-            *listed("init", "deployment.init", ["random"]),
+            *variants_of_values("kappa", "reset.kappa", [0.1, 0.3]),
+            *variants_of_values("shares", "reward.shares", ["se"]),
+            *variants_of_values("init", "deployment.init", ["random"]),
             *(control(name, PAPER) for name in CONTROLS),
         ]
         assert check_variants(variants, PAPER) == []
@@ -196,7 +201,7 @@ class TestCheck:
         ],
     )
     def test_notes_what_is_easily_missed(self, text, base, note):
-        config = applied(Variant("base", base), PAPER)
+        config = apply_variant(Variant("base", base), PAPER)
         variants = assigned([text])
         [found] = check_variants(variants, config)
         assert found.startswith(f"variant '{variants[0].name}': ")
@@ -204,6 +209,6 @@ class TestCheck:
 
     @pytest.mark.parametrize(("episodes", "is_told"), [(100, True), (101, False)])
     def test_notes_that_runs_are_too_short_for_a_reset(self, episodes, is_told):
-        base = applied(Variant("base", {"training.episodes": episodes}), PAPER)
+        base = apply_variant(Variant("base", {"training.episodes": episodes}), PAPER)
         notes = check_variants([NO_RF], base)
         assert ["100 episodes" in note for note in notes] == [True] * is_told

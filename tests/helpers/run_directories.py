@@ -14,15 +14,15 @@ COMMAND = ["orchid", "train", "--name", "lab's"]
 POLICY = {"policy.safetensors": b"weights" * 50, "policy.json": b"{}\n"}
 
 
-def row(episode: int, **figures: float) -> dict[str, float]:
-    """An episode whose figures differ from column to column and from episode to episode."""
+def row(episode: int, **metrics: float) -> dict[str, float]:
+    """An episode whose metrics differ from column to column and from episode to episode."""
     values = {name: place + episode / 7.0 for place, name in enumerate(COLUMNS)}
     whole = dict.fromkeys(WHOLE_NUMBERS, 0.0)
-    return values | whole | {"episode": float(episode)} | figures
+    return values | whole | {"episode": float(episode)} | metrics
 
 
-def rows(count: int, **figures: float) -> list[dict[str, float]]:
-    return [row(episode, **figures) for episode in range(1, count + 1)]
+def rows(count: int, **metrics: float) -> list[dict[str, float]]:
+    return [row(episode, **metrics) for episode in range(1, count + 1)]
 
 
 def make_run(

@@ -25,14 +25,14 @@ import torch
 from orchid_uav.agents import load_policy
 from orchid_uav.experiments.configuration import RunConfig
 from orchid_uav.experiments.errors import InputError
-from orchid_uav.experiments.evaluation.methods import read_run
+from orchid_uav.experiments.evaluation.methods import read_policy
 from orchid_uav.experiments.runs.directory import RunDirectory
 from orchid_uav.experiments.runs.records import read_record
 from orchid_uav.experiments.training import loop as training
 from orchid_uav.experiments.training.checkpoints import STATE_ERRORS, CheckpointStore
 from orchid_uav.experiments.training.state import Training
 from orchid_uav.storage.files import read_document
-from orchid_uav.storage.tensors import TensorKind, read_tensors
+from orchid_uav.storage.tensors import TensorSpec, read_tensors
 from tests.helpers.damage import (
     DAMAGES,
     HOSTILE_TENSORS,
@@ -198,8 +198,8 @@ def told_by_log(path: Path, rows: int) -> Any:
 # What is in force when the project has read them.
 
 
-def read_policy(directory: Path) -> Any:
-    policy = read_run(directory)
+def read_layers(directory: Path) -> Any:
+    policy = read_policy(directory)
     layers = {
         f"actor.{index}.{name}": array
         for index, layer in enumerate(policy.actor.layers)
@@ -211,7 +211,7 @@ def read_policy(directory: Path) -> Any:
 
 def read_checkpoint(directory: Path, run: Made, episode: int) -> Any:
     store = CheckpointStore(directory, run.path.name, len(CHECKPOINTS))
-    run.training.restore(store.read(episode, run.training.kinds))
+    run.training.restore(store.read(episode, run.training.specs))
     document, tensors = run.training.state()
     return canonical(document), {name: exact(arrays) for name, arrays in tensors.items()}
 
@@ -270,7 +270,7 @@ class Case:
             return read_log(self.directory, state["log_size"], state["log_sha256"])
         if self.episode is not None:
             return read_checkpoint(self.directory, self.run, self.episode)
-        return read_policy(self.directory)
+        return read_layers(self.directory)
 
     def outcome(self) -> Any:
         """What is in force, or the error: within memory and time, and without code being run."""
@@ -388,7 +388,7 @@ def no_code_run() -> Iterator[None]:
 
 def test_a_thousand_damaged_and_hostile_files_are_refused_or_read_as_they_are(made, tmp_path):
     for run in (one for runs in made.values() for one in runs):  # whatever is imported late
-        read_policy(run.path)
+        read_layers(run.path)
         read_checkpoint(run.path, run, EPISODES)
     found: Counter[str] = Counter()
     problems = []
@@ -441,7 +441,7 @@ class TestSwapped:
         for name in ("policy.json", "policy.safetensors"):
             put(copy / name, (made["mappo"][1].path / name).read_bytes())
         with pytest.raises(InputError, match=f"that of run {made['mappo'][1].path.name}"):
-            read_run(copy)
+            read_policy(copy)
 
     @pytest.mark.parametrize(("number", "episode"), [(0, 4), (0, 2), (1, 6)])
     def test_checkpoint_of_another_run_or_episode_is_refused(
@@ -495,12 +495,12 @@ class TestSealedByOneWhoKnows:
 
     def test_tensors_are_read_where_the_file_says_the_same_in_another_way(self, copy):
         path = copy / "policy.safetensors"
-        before = read_policy(copy)
+        before = read_layers(copy)
         tensors = dict(sorted(load_tensors(path).items(), key=lambda item: item[1].size))
         content = safetensors.numpy.save(tensors, metadata={"made": "elsewhere"})
         assert content != path.read_bytes()
         write_sealed_tensors(path, content)
-        assert read_policy(copy)[1:] == before[1:]
+        assert read_layers(copy)[1:] == before[1:]
 
     @pytest.mark.parametrize(
         ("name", "value"),
@@ -721,7 +721,7 @@ def test_tensors_of_all_kinds_are_read_as_they_were_written(tmp_path):
     }
     path.write_bytes(safetensors.numpy.save(tensors))
     checksum = hashlib.sha256(path.read_bytes()).hexdigest()
-    wanted = {name: TensorKind.of(array) for name, array in tensors.items()}
+    wanted = {name: TensorSpec.of(array) for name, array in tensors.items()}
     assert exact(read_tensors(path, wanted, checksum)) == exact(tensors)
 
 
@@ -795,9 +795,9 @@ class TestNoCode:
             (copy / name).write_bytes(pickle.dumps(Payload(marker)))
             if name in POLICY_FILES:
                 with pytest.raises(InputError):
-                    read_run(copy)
+                    read_policy(copy)
             else:
-                assert read_policy(copy) == read_policy(run.path)
+                assert read_layers(copy) == read_layers(run.path)
             resumed = orchid("train", "--resume", copy, "--episodes", EPISODES + 1, "--quiet")
             assert resumed.code in (0, 1, 2)
             assert "Traceback" not in resumed.err
@@ -808,7 +808,7 @@ class TestNoCode:
 
 @pytest.mark.usefixtures("made")
 class TestCommands:
-    """The same at the face that users see."""
+    """The same at the interface that users see."""
 
     def damage(self, copy: Path, file: str, damage: str) -> None:
         chance = random.Random(f"{file} {damage}")

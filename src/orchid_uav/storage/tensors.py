@@ -24,15 +24,15 @@ _NAMES = {np.dtype(kind): name for name, kind in _TYPES.items()}
 Tensors = dict[str, NDArray[Any]]
 
 
-class TensorKind(NamedTuple):
+class TensorSpec(NamedTuple):
     """Shape and type of a tensor."""
 
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
 
     @classmethod
-    def of(cls, array: NDArray[Any]) -> "TensorKind":
-        """The kind of an array."""
+    def of(cls, array: NDArray[Any]) -> "TensorSpec":
+        """The shape and type of an array."""
         return cls(tuple(array.shape), array.dtype)
 
     @property
@@ -44,26 +44,26 @@ class TensorKind(NamedTuple):
         return size
 
 
-def largest_file(kinds: Mapping[str, TensorKind]) -> int:
+def largest_file(specs: Mapping[str, TensorSpec]) -> int:
     """Bytes that a safetensors file of these tensors has at most."""
-    return sum(kind.size for kind in kinds.values()) + _LARGEST_HEADER + 8
+    return sum(spec.size for spec in specs.values()) + _LARGEST_HEADER + 8
 
 
-def read_tensors(path: Path, kinds: Mapping[str, TensorKind], checksum: str) -> Tensors:
+def read_tensors(path: Path, specs: Mapping[str, TensorSpec], checksum: str) -> Tensors:
     """The tensors of a safetensors file, after all that can be was checked.
 
     In this order: size, checksum, header's length, names, shapes, types; then memory is taken.
 
     Args:
         path: the file.
-        kinds: what it must hold, by name.
+        specs: what it must hold, by name.
         checksum: its SHA-256.
 
     Raises:
         OSError: it cannot be read.
         ValueError: it is anything else.
     """
-    if checksum_of_file(path, largest_file(kinds)) != checksum:
+    if checksum_of_file(path, largest_file(specs)) != checksum:
         raise ValueError(f"{path} is not what was written: its checksum (sha256) does not fit")
     with path.open("rb") as file:
         prefix = file.read(8)
@@ -71,16 +71,16 @@ def read_tensors(path: Path, kinds: Mapping[str, TensorKind], checksum: str) -> 
         raise ValueError(f"{path} is not a safetensors file: its header is too long or missing")
     try:
         with safe_open(path, framework="numpy") as file:
-            if set(file.keys()) != set(kinds):
+            if set(file.keys()) != set(specs):
                 raise ValueError(f"{path} holds other tensors than it should")
-            for name, kind in kinds.items():
+            for name, spec in specs.items():
                 header = file.get_slice(name)
                 found = tuple(header.get_shape()), header.get_dtype()
-                if found != (kind.shape, _NAMES[kind.dtype]):
+                if found != (spec.shape, _NAMES[spec.dtype]):
                     raise ValueError(
                         f"{path}: {name} is {found[1]} of shape {found[0]}, "
-                        f"not {_NAMES[kind.dtype]} of shape {kind.shape}"
+                        f"not {_NAMES[spec.dtype]} of shape {spec.shape}"
                     )
-            return {name: file.get_tensor(name) for name in kinds}
+            return {name: file.get_tensor(name) for name in specs}
     except SafetensorError as error:
         raise ValueError(f"{path} is not a readable safetensors file: {error}") from error
