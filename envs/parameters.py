@@ -6,7 +6,6 @@ its description here and in docs/configuration.md.
 
 from __future__ import annotations
 
-import difflib
 from typing import Annotated, Any, Literal
 
 from pydantic import (
@@ -19,6 +18,7 @@ from pydantic import (
 )
 
 from orchid_uav.envs.keys import unit_of, values_of, within
+from orchid_uav.suggestions import unknown
 
 Distance = Annotated[float, within(0.0, 1e6)]
 """In m, up to a thousand kilometres."""
@@ -385,18 +385,15 @@ class Parameters(Section):
     @classmethod
     def locate(cls, name: str) -> tuple[str, str]:
         """(section, field) of ``"section.field"`` or of a field name that is unique."""
-        keys = {
+        keys = [
             (section, field)
             for section, info in cls.model_fields.items()
             for field in info.default.__class__.model_fields
-        }
+        ]
         found = [key for key in keys if name in (key[1], ".".join(key))]
         if not found:
             names = [".".join(key) for key in keys] + [field for _, field in keys]
-            near = difflib.get_close_matches(name, names, n=1)
-            raise ValueError(
-                f"unknown parameter '{name}'" + (f": did you mean '{near[0]}'?" if near else "")
-            )
+            raise ValueError(unknown("parameter", name, names, cutoff=0.6))
         if len(found) > 1:
             choices = ", ".join(f"'{'.'.join(key)}'" for key in sorted(found))
             raise ValueError(f"'{name}' is one of several: {choices}")

@@ -1,6 +1,5 @@
 """The configuration of a run: its sections, and how presets, files and flags are merged."""
 
-import difflib
 import json
 import tomllib
 import warnings
@@ -22,6 +21,7 @@ from orchid_uav.envs.parameters import (
 )
 from orchid_uav.experiments.configuration_files import read_configuration
 from orchid_uav.experiments.errors import InputError
+from orchid_uav.suggestions import unknown
 
 Fraction = Annotated[float, within(0.0, 1.0)]
 LearningRate = Annotated[float, within(0.0, 1e40)]
@@ -374,10 +374,7 @@ def _unknown(kind: str, name: str, known: Iterable[str]) -> str:
     flag = field.lstrip("-").replace("-", "_").lower()
     if not near and kind != "preset" and flag in _OTHER_NAMES:
         near = [_OTHER_NAMES[flag]]
-    near = near or difflib.get_close_matches(name, candidates, n=1, cutoff=0.5)
-    right = " or ".join(f"'{key}'" for key in near)
-    hint = f"did you mean {right}?" if near else f"known are {', '.join(candidates[:12])} ..."
-    return f"unknown {kind} '{name}': {hint}"
+    return unknown(kind, name, candidates, near=near)
 
 
 def _describe(error: ValidationError, sources: Mapping[str, str]) -> str:

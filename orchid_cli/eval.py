@@ -37,9 +37,10 @@ from orchid_uav.experiments.configuration import (
     merge,
     spare_uavs_note,
 )
-from orchid_uav.experiments.errors import InputError, unknown
+from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.runs.records import DEFAULT_RUNS_DIR
 from orchid_uav.notices import show_on_stderr
+from orchid_uav.suggestions import unknown
 
 if TYPE_CHECKING:
     from orchid_uav.experiments.configuration import Layer

@@ -30,8 +30,9 @@ from orchid_uav.cli.tables.runs import (
     print_run,
     print_runs,
 )
-from orchid_uav.experiments.errors import InputError, RunFailedError, unknown
+from orchid_uav.experiments.errors import InputError, RunFailedError
 from orchid_uav.experiments.runs.records import find_run, run_argument
+from orchid_uav.suggestions import unknown
 
 if TYPE_CHECKING:
     from orchid_uav.experiments.runs.index import Run

@@ -13,7 +13,8 @@ from orchid_uav.experiments.configuration import (
     reward_differences,
     spare_uavs_note,
 )
-from orchid_uav.experiments.errors import InputError, unknown
+from orchid_uav.experiments.errors import InputError
+from orchid_uav.suggestions import unknown
 
 BASE = "base"
 FROZEN = "frozen"

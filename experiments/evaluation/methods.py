@@ -13,7 +13,7 @@ from orchid_uav.agents.controllers.planner import EVALUATIONS, Planner
 from orchid_uav.agents.deployed_actor import LocalActor, load_policy
 from orchid_uav.envs.arrays import ACTION_SIZE, OBSERVATION_SIZE
 from orchid_uav.experiments.configuration import RunConfig, flatten
-from orchid_uav.experiments.errors import InputError, unknown
+from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.evaluation.method_keys import (
     ALL,
     LEARNED,
@@ -24,6 +24,7 @@ from orchid_uav.experiments.evaluation.method_keys import (
     known_methods,
 )
 from orchid_uav.experiments.runs.records import former_ids, read_config, read_record, status_of
+from orchid_uav.suggestions import unknown
 
 METHOD_KEYS = (
     "reward.objective",

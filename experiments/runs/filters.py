@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
 from orchid_uav.experiments.configuration import assignment_layer, configuration_keys
-from orchid_uav.experiments.errors import InputError, nearest
+from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.runs.index import (
     RECORD_KEYS,
     TRAINING_METRICS,
@@ -15,6 +15,7 @@ from orchid_uav.experiments.runs.index import (
     is_number,
     value_text,
 )
+from orchid_uav.suggestions import nearest, unknown
 
 _CONDITION = re.compile(r"\s*([\w.-]+?)\s*(<=|>=|!=|==|=|<|>|~)\s*(.*?)\s*", re.DOTALL)
 
@@ -99,10 +100,10 @@ class Keys:
         if ending:
             raise InputError(f"'{name}' may be any of {', '.join(ending)}: give one of these")
         field = name.rpartition(".")[2]  # right, perhaps, in a section that is wrong
-        similar = nearest(name, [*self.known, *self._fields], 0.5)
+        similar = nearest(name, [*self.known, *self._fields])
         near = self._fields.get(field) or self._fields.get(similar or "") or [similar or ""]
         if near[0]:
-            raise InputError(f"unknown key '{name}': did you mean '{near[0]}'?")
+            raise InputError(unknown("key", name, self.known, near=near[:1]))
         raise InputError(
             f"unknown key '{name}': known are those of 'orchid config show', the final "
             f"metrics {', '.join(TRAINING_METRICS)}, and {', '.join(RECORD_KEYS)}"

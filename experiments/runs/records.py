@@ -10,9 +10,10 @@ from pydantic import ValidationError
 
 from orchid_uav.envs.parameters import describe_error
 from orchid_uav.experiments.configuration import RunConfig
-from orchid_uav.experiments.errors import InputError, nearest
+from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.runs.lock import is_alive
 from orchid_uav.storage.files import checksum_of_file, read_document, read_sealed
+from orchid_uav.suggestions import did_you_mean, nearest
 
 RECORD_FILE, CONFIG_FILE, EPISODES_FILE = "run.json", "config.json", "episodes.csv"
 CHECKPOINTS_FOLDER = "checkpoints"
@@ -219,7 +220,7 @@ def find_run(name: str, runs_dir: Path) -> Path:
     except (OSError, ValueError):
         pass
     near = nearest(name, ids, cutoff=0.3)
-    hint = f"; did you mean '{near}'?" if near else ""
+    hint = f"; {did_you_mean([near])}" if near else ""
     raise InputError(f"no run '{name}' in {runs_dir}{hint}")
 
 
