@@ -108,7 +108,7 @@ class Constants(NamedTuple):
             access_noise_power_w=parameters.access_noise_power_w,
             required_snr=parameters.required_snr,
             bandwidth_hz=parameters.bandwidth_hz,
-            share_rule=SHARE_RULES[reward.share_rule],
+            share_rule=SHARE_RULES[parameters.share_rule],
             gbs_position_m=parameters.gbs_position_m,
             gbs_transmit_power_w=float(dbm_to_watt(parameters.gbs.transmit_power_dbm)),
             backhaul_gain_db=channel.backhaul_gain_db,

@@ -1,6 +1,7 @@
-"""What a key of the configuration may hold: its range and its unit, and how both are told."""
+"""What a key of the configuration may hold, its unit, and the option that sets it."""
 
-from typing import Any, get_args, get_origin
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal, get_args, get_origin
 
 from annotated_types import Ge, Gt, Le, Lt, MaxLen, MinLen
 from pydantic import Field
@@ -31,6 +32,47 @@ def within(least: float, greatest: float) -> Any:
     return Field(ge=least, le=greatest)
 
 
+@dataclass(frozen=True)
+class Flag:
+    """The option of the command line for a key; among what a field is annotated with.
+
+    Whatever else an option needs is in the field: its type, default, choices, unit and help.
+    """
+
+    name: str
+    """Without dashes before it. That of a switch, for a key that is true by default, says no."""
+    varies: Literal["", "world", "method"] = ""
+    """Whose lists can be given: of worlds in an evaluation, of methods in an ablation."""
+    like: str = ""
+    """A list as an example."""
+    help: str = ""
+    """What is said of a switch, instead of the field's docstring."""
+    is_of_runs: bool = True
+    """Whether a run can be given one value by this option."""
+
+
+def flag_of(field: FieldInfo) -> Flag | None:
+    """The option that sets a field, if it has one."""
+    return next((item for item in field.metadata if isinstance(item, Flag)), None)
+
+
+def type_of(field: FieldInfo) -> Any:
+    """What a field holds where it is not None: a class, or a Literal."""
+    kinds = get_args(field.annotation) if allows_none(field) else [field.annotation]
+    kind = next(kind for kind in kinds if kind is not type(None))
+    return get_args(kind)[0] if get_origin(kind) is Annotated else kind
+
+
+def choices_of(field: FieldInfo) -> list[str]:
+    """The words that a field may hold; none of a number."""
+    return [word for word in get_args(type_of(field)) if isinstance(word, str)]
+
+
+def allows_none(field: FieldInfo) -> bool:
+    """Whether a field may hold nothing."""
+    return type(None) in get_args(field.annotation)
+
+
 def unit_of(field: str) -> str:
     """The unit that a field's name ends with, or ''."""
     for suffix, unit in UNITS.items():
@@ -47,7 +89,7 @@ def values_of(field: FieldInfo, quote: str = "") -> str:
         quote: put around words that can be chosen.
     """
     text = _values(field.annotation, list(field.metadata), quote)
-    return f"{text} or {quote}none{quote}" if type(None) in get_args(field.annotation) else text
+    return f"{text} or {quote}none{quote}" if allows_none(field) else text
 
 
 def holds_several(field: FieldInfo) -> bool:

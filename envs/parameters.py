@@ -6,6 +6,7 @@ its description here and in docs/configuration.md.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import (
@@ -17,7 +18,7 @@ from pydantic import (
     model_validator,
 )
 
-from orchid_uav.envs.keys import unit_of, values_of, within
+from orchid_uav.envs.keys import Flag, unit_of, values_of, within
 from orchid_uav.suggestions import unknown
 
 Distance = Annotated[float, within(0.0, 1e6)]
@@ -38,6 +39,38 @@ RequiredSnr = Annotated[float, within(-100.0, 200.0)]
 """In dB; far below, the spectral efficiency of a link that is served would round to 0."""
 Weight = Annotated[float, within(0.0, 1e6)]
 Pair = tuple[Weight, Weight]
+Distribution = Literal["tcp", "uniform"]
+Start = Literal["kmeans", "random"]
+Objective = Literal["mmf", "pf"]
+Observation = Literal["paper"]
+
+
+FORMER_KEYS = {"reward.shares": "network.shares"}
+"""Names that keys had in earlier versions; files and commands may still have them."""
+
+
+def with_current_keys(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Values by ``"section.key"``, or sections of values by key, under the names of today.
+
+    Raises:
+        ValueError: a key is given under its former and its present name, with different values.
+    """
+    renamed = dict(values)
+
+    def move(source: dict[str, Any], former: str, target: dict[str, Any], key: str) -> None:
+        value = source.pop(former)
+        if target.setdefault(key, value) != value:
+            raise ValueError(f"{former} is {key} now: {value!r} and {target[key]!r} are given")
+
+    for former, key in FORMER_KEYS.items():
+        if former in renamed:
+            move(renamed, former, renamed, key)
+        (old, old_field), (new, new_field) = former.split("."), key.split(".")
+        source, target = renamed.get(old), renamed.get(new, {})
+        if isinstance(source, Mapping) and old_field in source and isinstance(target, Mapping):
+            renamed |= {old: dict(source), new: dict(target)}
+            move(renamed[old], old_field, renamed[new], new_field)
+    return renamed
 
 
 class Section(BaseModel):
@@ -63,15 +96,17 @@ class NetworkParameters(Section):
 
     area_m: Annotated[float, within(1.0, 1e6)] = 2000.0
     """Side D of the square service area."""
-    user_count: Annotated[int, within(2, 100_000)] = 100
-    """Ground users M; at least one more than UAVs."""
-    uav_count: Annotated[int, within(1, 1000)] = 6
-    """UAVs N."""
+    user_count: Annotated[int, within(2, 100_000), Flag("users", "world", "50..200:50")] = 100
+    """Number M of ground users; at least one more than UAVs."""
+    uav_count: Annotated[int, within(1, 1000), Flag("uavs", "world", "4..10")] = 6
+    """Number N of UAVs."""
     total_bandwidth_hz: Bandwidth | None = None
     """If set, every UAV gets B = B_total / N instead of `subband_bandwidth_hz` (M2)."""
     subband_bandwidth_hz: Bandwidth = 10e6
     """Sub-band B of each UAV (M2)."""
-    distribution: Literal["tcp", "uniform"] = "tcp"
+    shares: Annotated[Literal["mmf", "pf", "se"] | None, Flag("shares", "method")] = None
+    """Bandwidth shares within a cell; by default those of the objective (M12)."""
+    distribution: Annotated[Distribution, Flag("distribution", "world")] = "tcp"
     """Where users are: a Thomas cluster process (M6) or uniform over the area."""
     hotspot_count: Annotated[int, within(1, 100_000)] = 5
     """Parent points K_p of the Thomas process."""
@@ -79,9 +114,13 @@ class NetworkParameters(Section):
     """Standard deviation of users around their parent point, per axis."""
     sensing_error_std_m: Distance = 0.0
     """Standard deviation of the error on the user positions that Phase I sees, per axis (M29)."""
-    user_speed_mps: Annotated[float, within(0.0, 1000.0)] = 0.0
+    user_speed_mps: Annotated[
+        float, within(0.0, 1000.0), Flag("speeds", "world", "0..15:2.5", is_of_runs=False)
+    ] = 0.0
     """Greatest speed of the users' random walk; 0 keeps them still (M16)."""
-    heading_hold_s: Annotated[float, within(1e-3, 1e9)] = 1.0
+    heading_hold_s: Annotated[
+        float, within(1e-3, 1e9), Flag("heading-hold", "world", "1,20", is_of_runs=False)
+    ] = 1.0
     """How long a user keeps its speed and heading (M16)."""
     slot_s: Annotated[float, within(1e-3, 86400.0)] = 1.0
     """Duration of a time slot."""
@@ -121,7 +160,7 @@ class UavParameters(Section):
     """Transmit power at the start of an episode; by default half-way between the limits (M10)."""
     power_step_w: Annotated[float, within(0.0, 1e4)] = 0.01
     """Change of transmit power per slot that an action of 1 asks for, delta_p."""
-    observation: Literal["paper"] = "paper"
+    observation: Observation = "paper"
     """What a UAV sees: `paper` is the 16 numbers of Section IV-C1 (M18)."""
 
     @model_validator(mode="after")
@@ -262,8 +301,8 @@ class GbsParameters(Section):
 class DeploymentParameters(Section):
     """Phase I: where UAVs start."""
 
-    init: Literal["kmeans", "random"] = "kmeans"
-    """GBS-aware K-Means++ centroids, or random positions (M28)."""
+    init: Annotated[Start, Flag("init", "method")] = "kmeans"
+    """Where UAVs start: at GBS-aware K-Means++ centroids, or at random positions (M28)."""
     n_init: Annotated[int, within(1, 10_000)] = 1
     """K-Means++ runs, of which the best by WCSS is kept (M27)."""
 
@@ -271,10 +310,8 @@ class DeploymentParameters(Section):
 class RewardParameters(Section):
     """What is rewarded. A pair is a weight's value at training progress 0 and 1."""
 
-    objective: Literal["mmf", "pf"] = "mmf"
-    """MMF: rate JFI and max-min shares; PF: mean log rate and equal shares (M12, M13)."""
-    shares: Literal["mmf", "pf", "se"] | None = None
-    """Bandwidth shares within a cell; by default those of the objective (M12)."""
+    objective: Annotated[Objective, Flag("objective", "method")] = "mmf"
+    """Rate term and shares: `mmf`, rate JFI and max-min; `pf`, mean log and equal (M12, M13)."""
     coverage_weight: Weight = 0.5
     """Weight w_1 of coverage."""
     efficiency_weight: Pair = (0.2, 0.5)
@@ -296,11 +333,6 @@ class RewardParameters(Section):
     power_epsilon_w: Annotated[float, within(0.0, 1e6)] = 1e-9
     """Constant epsilon in the denominator of the energy efficiency."""
 
-    @property
-    def share_rule(self) -> str:
-        """The rule in force: `shares` where given, else the objective's."""
-        return self.shares or self.objective
-
 
 class Parameters(Section):
     """Everything that defines the simulated network; the defaults are Table I."""
@@ -320,6 +352,11 @@ class Parameters(Section):
     reward: RewardParameters = RewardParameters()
     """Reward terms, weights and penalties."""
 
+    @model_validator(mode="before")
+    @classmethod
+    def _of_any_version(cls, values: Any) -> Any:
+        return with_current_keys(values) if isinstance(values, Mapping) else values
+
     @model_validator(mode="after")
     def _room_for_a_random_start(self) -> Parameters:
         uavs, apart_m = self.network.uav_count, self.uav.min_separation_m
@@ -332,6 +369,11 @@ class Parameters(Section):
                     f"init = random wants them, in area_m = {self.network.area_m:g} m"
                 )
         return self
+
+    @property
+    def share_rule(self) -> str:
+        """How bandwidth is shared: `network.shares` where given, else as the objective wants it."""
+        return self.network.shares or self.reward.objective
 
     @property
     def bandwidth_hz(self) -> float:
@@ -374,7 +416,7 @@ class Parameters(Section):
             ValueError: unknown or ambiguous name, or a value that does not fit, in one line.
         """
         merged = self.model_dump()
-        for name, value in overrides.items():
+        for name, value in with_current_keys(overrides).items():
             section, field = self.locate(name)
             merged[section][field] = value
         try:

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 from pydantic import Field, ValidationError, model_validator
 from pydantic.fields import FieldInfo
 
-from orchid_uav.envs.keys import holds_several, within
+from orchid_uav.envs.keys import Flag, flag_of, holds_several, within
 from orchid_uav.envs.parameters import (
     NetworkParameters,
     Pair,
@@ -18,6 +18,7 @@ from orchid_uav.envs.parameters import (
     Section,
     Weight,
     describe_error,
+    with_current_keys,
 )
 from orchid_uav.experiments.configuration_files import read_configuration
 from orchid_uav.experiments.errors import InputError
@@ -107,7 +108,7 @@ class MaddpgParameters(Section):
 class ResetParameters(Section):
     """Reset-and-Finetune."""
 
-    enabled: bool = True
+    enabled: Annotated[bool, Flag("no-rf", "method", help="Without Reset-and-Finetune.")] = True
     """Whether Reset-and-Finetune acts at all."""
     window: Episodes = 50
     """Episodes W of each of the two windows compared."""
@@ -115,7 +116,7 @@ class ResetParameters(Section):
     """Relative change of the rate JFI below which it counts as plateaued."""
     tolerance_reward: Tolerance = 0.05
     """Relative change of the reward below which it counts as plateaued."""
-    kappa: Annotated[float, Field(gt=0, le=1)] = 0.5
+    kappa: Annotated[float, Field(gt=0, le=1), Flag("kappa", "method", "0.1,0.5")] = 0.5
     """Factor on both learning rates at a reset (M1)."""
     max_resets: Annotated[int, within(1, 1_000_000)] = 1
     """Interventions at most (M22)."""
@@ -137,13 +138,13 @@ class CheckpointParameters(Section):
 class TrainingParameters(Section):
     """How long, from which seed, with which algorithm."""
 
-    algorithm: Literal["mappo", "maddpg"] = "mappo"
+    algorithm: Annotated[Literal["mappo", "maddpg"], Flag("algorithm")] = "mappo"
     """Learning algorithm; `maddpg` comes without Reset-and-Finetune unless it is asked for."""
-    episodes: Episodes = 700
+    episodes: Annotated[Episodes, Flag("episodes")] = 700
     """Training episodes E_max."""
-    seed: Annotated[int, within(0, 2**32 - 1)] = 0
+    seed: Annotated[int, within(0, 2**32 - 1), Flag("seed")] = 0
     """Seed of topologies, weights and exploration."""
-    worlds: Annotated[int, within(1, 100_000)] = 1
+    worlds: Annotated[int, within(1, 100_000), Flag("worlds")] = 1
     """Worlds flown side by side; an update follows after each has flown one episode."""
     schedule_episodes: Episodes | None = None
     """Episodes over which training progress grows from 0 to 1; none: all of them (M9)."""
@@ -195,46 +196,32 @@ class RunConfig(Parameters):
 LEARNING_SECTIONS = tuple(RunConfig.model_fields)[len(Parameters.model_fields) :]
 """Sections that say how is learned, not what world there is."""
 
-PRESETS: dict[str, dict[str, dict[str, Any]]] = {"paper": {}}
-"""Built-in configurations as differences from the defaults, which are the paper's."""
+
+class Preset(NamedTuple):
+    """A built-in configuration."""
+
+    idea: str
+    """What it is for."""
+    sections: Mapping[str, Mapping[str, Any]]
+    """Differences from the defaults, which are the paper's."""
+
+
+PRESETS = {
+    "paper": Preset("the paper's run, five to ten minutes of one core", {}),
+    "quick": Preset(
+        "a run of about a minute on a slow core, for trying things: the paper's network, fewer "
+        "episodes, and a Reset-and-Finetune that has more than half of them left after a reset",
+        {
+            "reset": {"window": 20},
+            "checkpoint": {"every_episodes": 20},
+            "training": {"episodes": 100},
+        },
+    ),
+}
+"""What a configuration can begin with."""
 
 ALGORITHM_DEFAULTS: dict[str, dict[str, Any]] = {"maddpg": {"reset.enabled": False}}
 """What differs from the defaults with an algorithm: Reset-and-Finetune is ORCHID's own."""
-
-FLAGS = {
-    "uavs": "network.uav_count",
-    "users": "network.user_count",
-    "distribution": "network.distribution",
-    "init": "deployment.init",
-    "objective": "reward.objective",
-    "shares": "reward.shares",
-    "episodes": "training.episodes",
-    "seed": "training.seed",
-    "worlds": "training.worlds",
-    "algorithm": "training.algorithm",
-    "kappa": "reset.kappa",
-}
-"""Configuration keys of the named flags."""
-SETTING_KEYS = {
-    "network.distribution": "--distribution",
-    "network.uav_count": "--uavs",
-    "network.user_count": "--users",
-    "network.user_speed_mps": "--speeds",
-    "network.heading_hold_s": "--heading-hold",
-}
-"""Keys that a setting of an evaluation decides, in its order, and the options that list them."""
-
-_OTHER_NAMES = FLAGS | {
-    "uav": "network.uav_count",
-    "user": "network.user_count",
-    "episode": "training.episodes",
-    "world": "training.worlds",
-    "no_rf": "reset.enabled",
-    "speeds": "network.user_speed_mps",
-    "speed_mps": "network.user_speed_mps",
-    "heading_hold": "network.heading_hold_s",
-}
-"""What keys are called elsewhere, on the command line and in Python."""
 
 
 class Layer(NamedTuple):
@@ -260,6 +247,19 @@ def field_of(key: str) -> FieldInfo:
     return type(RunConfig.model_fields[section].default).model_fields[field]
 
 
+FLAGS: dict[str, Flag] = {
+    key: flag for key in configuration_keys() if (flag := flag_of(field_of(key)))
+}
+"""Options of the command line by the keys that they set."""
+SETTING_KEYS = {key: f"--{flag.name}" for key, flag in FLAGS.items() if flag.varies == "world"}
+"""Keys that a setting of an evaluation decides, and the options that list them."""
+
+_OTHER_NAMES = {
+    name: key
+    for key, flag in FLAGS.items()
+    for name in (flag.name.replace("-", "_"), flag.name.removesuffix("s"))
+} | {"speed_mps": "network.user_speed_mps"}
+"""What keys are called elsewhere, on the command line and in Python."""
 _LISTS = {key for key in configuration_keys() if holds_several(field_of(key))}
 
 
@@ -277,7 +277,7 @@ def preset_layer(name: str) -> Layer:
     """A built-in preset."""
     if name not in PRESETS:
         raise InputError(_unknown("preset", name, PRESETS))
-    return Layer(f"preset {name}", _by_dotted_key(PRESETS[name], f"preset {name}"))
+    return Layer(f"preset {name}", _by_dotted_key(PRESETS[name].sections, f"preset {name}"))
 
 
 def file_layer(path: Path, say: Callable[[str], object] = warnings.warn) -> Layer:
@@ -305,7 +305,7 @@ def assignment_layer(assignments: Iterable[str], option: str = "--set") -> Layer
         values[key] = (
             [_parse(part.strip()) for part in text.split(",")] if takes_list else _parse(text)
         )
-    return Layer(option, values)
+    return Layer(option, _with_current_keys(values, option))
 
 
 def merge(layers: Iterable[Layer]) -> tuple[RunConfig, dict[str, str]]:
@@ -319,7 +319,7 @@ def merge(layers: Iterable[Layer]) -> tuple[RunConfig, dict[str, str]]:
     sources = dict.fromkeys(keys, "default")
     given = list(layers)
     for layer in [*_algorithm_layers(given), *given]:
-        for key, value in layer.values.items():
+        for key, value in _with_current_keys(layer.values, layer.source).items():
             if key not in sources:
                 raise InputError(f"{_unknown('key', key, keys)} (from {layer.source})")
             values[key] = value
@@ -365,6 +365,13 @@ def _by_dotted_key(nested: Any, source: str) -> dict[str, Any]:
             raise InputError(f"'{section}' in {source} is not a section with keys")
         flat |= {f"{section}.{field}": value for field, value in fields.items()}
     return flat
+
+
+def _with_current_keys(values: Mapping[str, Any], source: str) -> dict[str, Any]:
+    try:
+        return with_current_keys(values)
+    except ValueError as error:
+        raise InputError(f"{error} (from {source})") from error
 
 
 def _unknown(kind: str, name: str, known: Iterable[str]) -> str:
@@ -416,7 +423,7 @@ def reward_differences(configurations: Sequence[Mapping[str, Any]]) -> list[str]
         match section:
             case "reward":
                 idle = () if rewards_log_rates else ("log_rate_floor_bps",)
-                return name not in ("shares", *idle)
+                return name not in idle
             case "rotor":
                 return name not in ("climb_power", "mass_kg")
             case "channel":

@@ -3,7 +3,7 @@
 import json
 import math
 import shlex
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -28,22 +28,17 @@ from orchid_uav.cli.console import (
     stdout_for_json_alone,
 )
 from orchid_uav.cli.options import (
-    AlgorithmOption,
+    BaseFlags,
     ConfigOption,
-    DistributionOption,
-    EpisodesOption,
     PresetOption,
-    UavsOption,
-    UsersOption,
-    WorldsOption,
-    layers_of,
+    VariantFlags,
+    configuration,
+    listed,
+    option,
+    with_flags,
 )
-from orchid_uav.cli.ranges import parse_counts, parse_numbers
-from orchid_uav.experiments.configuration import (
-    RunConfig,
-    assignment_layer,
-    merge,
-)
+from orchid_uav.cli.ranges import parse_counts
+from orchid_uav.experiments.configuration import FLAGS, RunConfig
 from orchid_uav.experiments.errors import InputError, RunFailedError
 from orchid_uav.notices import show_on_stderr
 
@@ -54,33 +49,16 @@ if TYPE_CHECKING:
     from orchid_uav.experiments.training.job import TrainingJob
 
 _BASE, _VARIANTS, _STUDY = "Base", "Variants, each compared with the base", "Study"
-_BASE_FLAGS = ("uavs", "users", "distribution", "episodes", "worlds", "algorithm")
 
 
-def _option(panel: str, text: str, *names: str, **others: Any) -> Any:
-    return typer.Option(*names, help=text, rich_help_panel=panel, show_default=False, **others)
-
-
+@with_flags
 def ablate(
     context: typer.Context,
-    no_rf: Annotated[bool, _option(_VARIANTS, "Without Reset-and-Finetune.", "--no-rf")] = False,
-    init: Annotated[
-        str | None, _option(_VARIANTS, "Where UAVs start: kmeans, random.", metavar="LIST")
-    ] = None,
-    objective: Annotated[
-        str | None,
-        _option(_VARIANTS, "Rate term of reward and shares: mmf, pf.", metavar="LIST"),
-    ] = None,
-    shares: Annotated[
-        str | None, _option(_VARIANTS, "Bandwidth shares alone: mmf, pf, se.", metavar="LIST")
-    ] = None,
-    kappa: Annotated[
-        str | None,
-        _option(_VARIANTS, "Factor on the rates at a reset: 0.1,0.5.", metavar="LIST"),
-    ] = None,
+    *,
+    variants: VariantFlags,
     assignments: Annotated[
         list[str] | None,
-        _option(
+        option(
             _VARIANTS,
             "section.key=value; may be repeated, a variant each.",
             "--set",
@@ -89,7 +67,7 @@ def ablate(
     ] = None,
     controls: Annotated[
         str | None,
-        _option(
+        option(
             _VARIANTS,
             "Controls for Reset-and-Finetune: all, or of reset-only, decay-only, random-time, "
             "linear-decay, frozen.",
@@ -101,26 +79,21 @@ def ablate(
     config: ConfigOption = None,
     base: Annotated[
         list[str] | None,
-        _option(
+        option(
             _BASE,
             "section.key=value of the base; may be repeated.",
             "--base",
             autocompletion=completion.assignments,
         ),
     ] = None,
-    uavs: UavsOption = None,
-    users: UsersOption = None,
-    distribution: DistributionOption = None,
-    episodes: EpisodesOption = None,
-    worlds: WorldsOption = None,
-    algorithm: AlgorithmOption = None,
-    seeds: Annotated[str, _option(_STUDY, "Training seeds (default: 0..9).")] = "0..9",
+    flags: BaseFlags,
+    seeds: Annotated[str, option(_STUDY, "Training seeds (default: 0..9).")] = "0..9",
     jobs: Annotated[
-        int | None, _option(_STUDY, "Runs trained at once (default: as many as cores).")
+        int | None, option(_STUDY, "Runs trained at once (default: as many as cores).")
     ] = None,
     topologies: Annotated[
         int,
-        _option(
+        option(
             _STUDY,
             "Held-out topologies that every policy flies (default: 100).",
             min=1,
@@ -129,15 +102,15 @@ def ablate(
         ),
     ] = 100,
     evaluation_seed: Annotated[
-        int, _option(_STUDY, "Seed of the held-out topologies (default: 0).", **SEED)
+        int, option(_STUDY, "Seed of the held-out topologies (default: 0).", **SEED)
     ] = 0,
     margin: Annotated[
         float,
-        _option(_STUDY, "Share of the base's mean that does not matter (default: 0.05)."),
+        option(_STUDY, "Share of the base's mean that does not matter (default: 0.05)."),
     ] = 0.05,
     out: Annotated[
         Path | None,
-        _option(OUTPUT_PANEL, "Directory of the study (default: ./orchid-ablate/TIME).", "--out"),
+        option(OUTPUT_PANEL, "Directory of the study (default: ./orchid-ablate/TIME).", "--out"),
     ] = None,
     as_json: JsonOption = False,
     quiet: QuietOption = False,
@@ -154,11 +127,9 @@ def ablate(
         show_on_stderr(with_notes=not quiet)
         from orchid_uav.experiments.ablation.variants import check_variants
 
-        merged = _base(context.params)
-        variants = _variants(
-            merged, no_rf, init, objective, shares, kappa, assignments or [], controls
-        )
-        for note in check_variants(variants, merged):
+        merged, _ = configuration(preset, config, base, flags, "--base")
+        compared = _variants(merged, variants, assignments or [], controls)
+        for note in check_variants(compared, merged):
             print_note(note)
         if not 0.0 < margin < math.inf:
             raise InputError(f"--margin {margin}: a finite share above 0 is possible")
@@ -176,7 +147,7 @@ def ablate(
             print_note(executor.note)
         directory = make_default_directory(DEFAULT_PARENT) if out is None else expanded(out)
         command = ["orchid", *context.obj]
-        ablation = Ablation(merged, variants, seed_list, topologies, evaluation_seed, margin)
+        ablation = Ablation(merged, compared, seed_list, topologies, evaluation_seed, margin)
         study = AblationStudy(ablation, directory, command)
         study.reserve()
         again = shlex.join([*command, *([] if out else ["--out", str(directory)])])
@@ -203,20 +174,8 @@ def ablate(
             print_next(shown, "runs", "list", "--runs-dir", str(directory / RUNS_FOLDER))
 
 
-def _base(given: dict[str, Any]) -> RunConfig:
-    assignments = assignment_layer(given["base"] or [], "--base")
-    return merge(layers_of(given, assignments, _BASE_FLAGS))[0]
-
-
 def _variants(
-    base: RunConfig,
-    no_rf: bool,
-    init: str | None,
-    objective: str | None,
-    shares: str | None,
-    kappa: str | None,
-    assignments: list[str],
-    controls: str | None,
+    base: RunConfig, flags: Mapping[str, Any], assignments: list[str], controls: str | None
 ) -> list["Variant"]:
     from orchid_uav.experiments.ablation.variants import (
         CONTROLS,
@@ -226,15 +185,13 @@ def _variants(
         variants_of_values,
     )
 
-    variants = [Variant("no-rf", {"reset.enabled": False})] if no_rf else []
-    for option, key, text in (
-        ("init", "deployment.init", init),
-        ("objective", "reward.objective", objective),
-        ("shares", "reward.shares", shares),
-    ):
-        variants += variants_of_values(option, key, _words(text))
-    if kappa is not None:
-        variants += variants_of_values("kappa", "reset.kappa", parse_numbers(kappa, "--kappa"))
+    variants = []
+    for key, value in flags.items():
+        name = FLAGS[key].name
+        if isinstance(value, str):
+            variants += variants_of_values(name, key, listed(key, value))
+        else:
+            variants.append(Variant(name, {key: value}))
     variants += assigned(assignments)
     names = list(CONTROLS) if "all" in _words(controls) else _words(controls)
     return variants + [control(name, base) for name in names]

@@ -96,6 +96,14 @@ def assignments(ctx: typer.Context, incomplete: str) -> list[str]:
 
 
 @_silent
+def presets(ctx: typer.Context, incomplete: str) -> list[str]:
+    """For ``--preset``."""
+    from orchid_uav.experiments.configuration import PRESETS
+
+    return list(PRESETS)
+
+
+@_silent
 def run_keys(ctx: typer.Context, incomplete: str) -> list[str]:
     """What runs can be listed by."""
     return _listed(_run_keys(), incomplete)

@@ -1,7 +1,7 @@
 """``orchid config``."""
 
 import json
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -17,22 +17,13 @@ from orchid_uav.cli.console import (
     print_table,
 )
 from orchid_uav.cli.options import (
-    AlgorithmOption,
     ConfigOption,
-    DistributionOption,
-    EpisodesOption,
-    InitOption,
-    KappaOption,
-    NoResetOption,
-    ObjectiveOption,
     PresetOption,
-    SeedOption,
+    RunFlags,
     SetOption,
-    SharesOption,
-    UavsOption,
-    UsersOption,
-    WorldsOption,
     configuration,
+    text_of,
+    with_flags,
 )
 from orchid_uav.envs.keys import unit_of, values_of
 from orchid_uav.experiments.configuration import (
@@ -54,23 +45,14 @@ def _commands(context: typer.Context) -> None:
 
 
 @app.command()
+@with_flags
 def show(
     context: typer.Context,
+    *,
     preset: PresetOption = "paper",
     config: ConfigOption = None,
     assignments: SetOption = None,
-    uavs: UavsOption = None,
-    users: UsersOption = None,
-    distribution: DistributionOption = None,
-    init: InitOption = None,
-    objective: ObjectiveOption = None,
-    shares: SharesOption = None,
-    episodes: EpisodesOption = None,
-    seed: SeedOption = None,
-    worlds: WorldsOption = None,
-    algorithm: AlgorithmOption = None,
-    kappa: KappaOption = None,
-    no_rf: NoResetOption = False,
+    flags: RunFlags,
     changed: Annotated[
         bool,
         typer.Option(
@@ -90,7 +72,7 @@ def show(
     Example: orchid config show --config lab.toml --uavs 8 --changed
     """
     with failing_well(debug):
-        merged, sources = configuration(context)
+        merged, sources = configuration(preset, config, assignments, flags)
         if changed:
             _show_changes(merged, sources, preset, as_json)
             return
@@ -101,7 +83,7 @@ def show(
             console(),
             ["key", "value", "unit", "values", "from"],
             [
-                [key, _text(value), unit_of(key), values_of(field_of(key)), sources[key]]
+                [key, text_of(value), unit_of(key), values_of(field_of(key)), sources[key]]
                 for key, value in flatten(merged).items()
             ],
             wraps_last=True,
@@ -133,19 +115,7 @@ def _show_changes(config: RunConfig, sources: dict[str, str], preset: str, as_js
         console(),
         ["key", "value", f"preset {preset}", "unit", "from"],
         [
-            [one["key"], _text(one["value"]), _text(one["preset"]), one["unit"], one["from"]]
+            [one["key"], text_of(one["value"]), text_of(one["preset"]), one["unit"], one["from"]]
             for one in changes
         ],
     )
-
-
-def _text(value: Any) -> str:
-    if value is None:
-        return "none"
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, float):
-        return f"{value:g}" if float(f"{value:g}") == value else repr(value)
-    if isinstance(value, list):
-        return ",".join(map(_text, value))  # as --set takes them
-    return str(value)

@@ -4,6 +4,7 @@ import itertools
 import json
 import math
 import shlex
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -26,8 +27,8 @@ from orchid_uav.cli.console import (
     print_table,
     stdout_for_json_alone,
 )
-from orchid_uav.cli.options import ConfigOption, SetOption
-from orchid_uav.cli.ranges import MOST_VALUES, parse_counts, parse_numbers
+from orchid_uav.cli.options import ConfigOption, SetOption, SettingFlags, listed, with_flags
+from orchid_uav.cli.ranges import MOST_VALUES
 from orchid_uav.experiments.configuration import (
     LEARNING_SECTIONS,
     RunConfig,
@@ -48,19 +49,16 @@ if TYPE_CHECKING:
     from orchid_uav.experiments.evaluation.methods import Contender
 
 _METHODS, _SETTINGS = "Methods", "Settings"
-_DISTRIBUTIONS = ("tcp", "uniform")
 
 
 def _option(panel: str, text: str, *names: str, **more: Any) -> Any:
     return typer.Option(*names, help=text, rich_help_panel=panel, **more)
 
 
-def _setting(text: str) -> Any:
-    return _option(_SETTINGS, text, show_default=False)
-
-
+@with_flags
 def evaluate(
     context: typer.Context,
+    *,
     runs: Annotated[
         list[str] | None,
         typer.Argument(
@@ -89,19 +87,7 @@ def evaluate(
     planner_evaluations: Annotated[
         int, _option(_METHODS, "Plans that the planner judges per topology.", min=31, metavar="N")
     ] = 3000,
-    uavs: Annotated[str | None, _setting("Numbers of UAVs, like 4..10 (default: 6).")] = None,
-    users: Annotated[
-        str | None, _setting("Numbers of users, like 50..200:50 (default: 100).")
-    ] = None,
-    speeds: Annotated[
-        str | None, _setting("Users' greatest speeds in m/s, like 0..15:2.5 (default: 0).")
-    ] = None,
-    heading_hold: Annotated[
-        str | None, _setting("How long users keep a heading in s, like 1,20 (default: 1).")
-    ] = None,
-    distribution: Annotated[
-        str | None, _setting("Where users are: tcp, uniform, or tcp,uniform (default: tcp).")
-    ] = None,
+    flags: SettingFlags,
     episodes: Annotated[
         int, _option(_SETTINGS, "Topologies per setting.", min=1, max=100_000, metavar="N")
     ] = 100,
@@ -158,7 +144,7 @@ def evaluate(
         from orchid_uav.experiments.runs.records import expanded, find_run
 
         world = _world(config, assignments or [])
-        settings = _settings(world, distribution, uavs, users, speeds, heading_hold)
+        settings = _settings(world, flags)
         shown_metrics = _metrics(metrics)
         paths = [find_run(name, expanded(runs_dir)) for name in runs or []]
         names = (methods or ("rules" if paths else "all")).split(",")
@@ -234,30 +220,12 @@ def _list_methods(as_json: bool) -> None:
     print(json.dumps({"schema": 1, "methods": methods}))
 
 
-def _settings(
-    world: "RunConfig",
-    distribution: str | None,
-    uavs: str | None,
-    users: str | None,
-    speeds: str | None,
-    heading_hold: str | None,
-) -> list["Setting"]:
+def _settings(world: "RunConfig", flags: Mapping[str, str]) -> list["Setting"]:
     """All combinations; what is not listed is as the configuration has it."""
-    from orchid_uav.experiments.evaluation.flights import Setting
+    from orchid_uav.experiments.evaluation.flights import SETTING_FIELDS, Setting
 
-    network = world.network
-    names = (distribution or network.distribution).split(",")
-    distributions = list(dict.fromkeys(name.strip() for name in names))
-    for name in distributions:
-        if name not in _DISTRIBUTIONS:
-            raise InputError(f"--distribution {name!r} is neither tcp nor uniform")
-    lists: list[list[Any]] = [
-        distributions,
-        parse_counts(uavs or str(network.uav_count), "--uavs"),
-        parse_counts(users or str(network.user_count), "--users"),
-        parse_numbers(speeds or str(network.user_speed_mps), "--speeds"),
-        parse_numbers(heading_hold or str(network.heading_hold_s), "--heading-hold"),
-    ]
+    usual = flatten(world)
+    lists = [listed(key, flags[key]) if key in flags else [usual[key]] for key in SETTING_FIELDS]
     count = math.prod(map(len, lists))
     if count > MOST_VALUES:
         raise InputError(f"the lists make {count:,} settings, more than {MOST_VALUES:,}")

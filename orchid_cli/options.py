@@ -1,90 +1,244 @@
-"""The flags that make up a configuration, shared by all commands that take one."""
+"""The options that make up a configuration: made from its fields, for all commands alike."""
 
-from collections.abc import Iterable, Mapping
+import inspect
+import re
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from functools import wraps
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, get_type_hints
 
 import typer
 
 from orchid_uav.cli import completion
 from orchid_uav.cli.console import print_note
+from orchid_uav.cli.ranges import parse_counts, parse_numbers
+from orchid_uav.envs.keys import choices_of, holds_several, type_of, unit_of
 from orchid_uav.experiments.configuration import (
     FLAGS,
+    LEARNING_SECTIONS,
+    PRESETS,
     Layer,
     RunConfig,
     assignment_layer,
+    field_of,
     file_layer,
     merge,
     preset_layer,
 )
+from orchid_uav.experiments.errors import InputError
 
-_FILES, _NETWORK, _LEARNING = "Configuration", "Network", "Learning"
+_DECISIONS = re.compile(r" \(M\d+(, M\d+)*\)")
+"""References to docs/model.md, which a terminal does not have."""
 
 
-def _option(panel: str, text: str, *names: str, **more: Any) -> Any:
+def option(panel: str, text: str, *names: str, **more: Any) -> Any:
+    """An option whose help says itself what the default is."""
     return typer.Option(*names, help=text, rich_help_panel=panel, show_default=False, **more)
 
 
-PresetOption = Annotated[str, _option(_FILES, "Built-in configuration to begin with: paper.")]
+PresetOption = Annotated[
+    str,
+    option(
+        "Configuration",
+        f"Built-in configuration to begin with: {', '.join(PRESETS)} (default: paper).",
+        autocompletion=completion.presets,
+    ),
+]
 ConfigOption = Annotated[
-    Path | None, _option(_FILES, "TOML or JSON file or pipe, applied over the preset.", "--config")
+    Path | None,
+    option("Configuration", "TOML or JSON file or pipe, applied over the preset.", "--config"),
 ]
 SetOption = Annotated[
     list[str] | None,
-    _option(
-        _FILES,
+    option(
+        "Configuration",
         "section.key=value, over the file; may be repeated; lists as 1,2,3.",
         "--set",
         autocompletion=completion.assignments,
     ),
 ]
-UavsOption = Annotated[int | None, _option(_NETWORK, "UAVs (paper: 6).")]
-UsersOption = Annotated[int | None, _option(_NETWORK, "Ground users (paper: 100).")]
-DistributionOption = Annotated[
-    Literal["tcp", "uniform"] | None, _option(_NETWORK, "Where users are (paper: tcp).")
-]
-InitOption = Annotated[
-    Literal["kmeans", "random"] | None, _option(_NETWORK, "Where UAVs start (paper: kmeans).")
-]
-ObjectiveOption = Annotated[
-    Literal["mmf", "pf"] | None,
-    _option(_NETWORK, "Rate term of the reward, and bandwidth shares (paper: mmf)."),
-]
-SharesOption = Annotated[
-    Literal["mmf", "pf", "se"] | None,
-    _option(_NETWORK, "Bandwidth shares alone (default: the objective's)."),
-]
-EpisodesOption = Annotated[int | None, _option(_LEARNING, "Training episodes (paper: 700).")]
-SeedOption = Annotated[int | None, _option(_LEARNING, "Seed (default: 0).")]
-WorldsOption = Annotated[
-    int | None, _option(_LEARNING, "Worlds flown side by side (default: 1); same sample budget.")
-]
-AlgorithmOption = Annotated[
-    Literal["mappo", "maddpg"] | None, _option(_LEARNING, "Learning algorithm (default: mappo).")
-]
-KappaOption = Annotated[
-    float | None, _option(_LEARNING, "Factor on the learning rates at a reset (paper: 0.5).")
-]
-NoResetOption = Annotated[bool, _option(_LEARNING, "Without Reset-and-Finetune.", "--no-rf")]
 
 
-def layers_of(given: Mapping[str, Any], assignments: Layer, flags: Iterable[str]) -> list[Layer]:
-    """Preset < file < assignments < named flags, of the parameters given to a command."""
-    layers = [preset_layer(given["preset"])]
-    if given["config"] is not None:
+@dataclass(frozen=True)
+class _Flags:
+    """An option for each of some keys, as a parameter of a command: see :func:`with_flags`."""
+
+    keys: tuple[str, ...]
+    are_lists: bool = False
+    panel: str = ""
+    """The options' panel; by default that of a key's section."""
+
+    def parameters(self) -> list[inspect.Parameter]:
+        """The options, as a command would declare them."""
+        return [self._parameter(key) for key in self.keys]
+
+    def _parameter(self, key: str) -> inspect.Parameter:
+        kind: Any = type_of(field_of(key))
+        default = False if kind is bool else None
+        more = {}
+        if kind is not bool:
+            if self.are_lists:
+                more["metavar"] = "LIST"
+            kind = (str if self.are_lists or holds_several(field_of(key)) else kind) | None
+        section = key.partition(".")[0]
+        panel = self.panel or ("Learning" if section in LEARNING_SECTIONS else "Network")
+        annotation = option(panel, _help(key, self.are_lists), f"--{FLAGS[key].name}", **more)
+        return inspect.Parameter(
+            _parameter_name(key),
+            inspect.Parameter.KEYWORD_ONLY,
+            default=default,
+            annotation=Annotated[kind, annotation],
+        )
+
+    def taken_from(self, given: dict[str, Any]) -> dict[str, Any]:
+        """Take the options out of a command's parameters: what was given, by its key."""
+        taken = {key: given.pop(_parameter_name(key)) for key in self.keys}
+        return {
+            key: not field_of(key).default if value is True else value
+            for key, value in taken.items()
+            if value is not None and value is not False
+        }
+
+
+def _parameter_name(key: str) -> str:
+    return FLAGS[key].name.replace("-", "_")
+
+
+def _help(key: str, are_lists: bool) -> str:
+    """What a field's docstring says, its unit, choices and default."""
+    field, flag = field_of(key), FLAGS[key]
+    if flag.help:
+        return flag.help
+    text = _DECISIONS.sub("", field.description or "").replace("`", "").removesuffix(".")
+    facts = [unit_of(key)]
+    if are_lists:
+        facts += [", ".join(choices_of(field)), f"like {flag.like}" if flag.like else ""]
+    if field.default is not None and type_of(field) is not bool:
+        facts.append(f"default: {text_of(field.default)}")
+    told = "; ".join(filter(None, facts))
+    return f"{text} ({told})." if told else f"{text}."
+
+
+RunFlags = Annotated[
+    dict[str, Any], _Flags(tuple(key for key, flag in FLAGS.items() if flag.is_of_runs))
+]
+"""One value of every key that a run can be given by a flag."""
+BaseFlags = Annotated[
+    dict[str, Any],
+    _Flags(
+        tuple(
+            key
+            for key, flag in FLAGS.items()
+            if flag.is_of_runs and flag.varies != "method" and key != "training.seed"
+        )
+    ),
+]
+"""The same for the base of an ablation, which has seeds and variants of its own."""
+VariantFlags = Annotated[
+    dict[str, Any],
+    _Flags(
+        tuple(
+            sorted(
+                (key for key, flag in FLAGS.items() if flag.varies == "method"),
+                key=lambda key: type_of(field_of(key)) is not bool,  # switches first
+            )
+        ),
+        are_lists=True,
+        panel="Variants, each compared with the base",
+    ),
+]
+"""Lists of what methods differ in."""
+SettingFlags = Annotated[
+    dict[str, Any],
+    _Flags(
+        tuple(key for key, flag in FLAGS.items() if flag.varies == "world"),
+        are_lists=True,
+        panel="Settings",
+    ),
+]
+"""Lists of what worlds differ in."""
+
+
+def with_flags(command: Callable[..., None]) -> Callable[..., None]:
+    """Give a command the options of those parameters that are annotated with one of the above.
+
+    Such a parameter gets what was given, by ``"section.key"``; a list is given as text.
+    """
+    hints = get_type_hints(command, include_extras=True)
+    parameters: list[inspect.Parameter] = []
+    flags: dict[str, _Flags] = {}
+    for name, own in inspect.signature(command).parameters.items():
+        found = [one for one in getattr(hints[name], "__metadata__", ()) if isinstance(one, _Flags)]
+        if found:
+            (flags[name],) = found
+            parameters += flags[name].parameters()
+        else:
+            kind = inspect.Parameter.KEYWORD_ONLY
+            parameters.append(own.replace(annotation=hints[name], kind=kind))
+
+    @wraps(command)
+    def called(**given: Any) -> None:
+        for name, group in flags.items():
+            given[name] = group.taken_from(given)
+        command(**given)
+
+    # What typer makes a command from.
+    called.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    called.__annotations__ = {one.name: one.annotation for one in parameters}
+    return called
+
+
+def text_of(value: Any) -> str:
+    """A value as ``--set`` takes it."""
+    if value is None:
+        return "none"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, float):
+        return f"{value:g}" if float(f"{value:g}") == value else repr(value)
+    if isinstance(value, list | tuple):
+        return ",".join(map(text_of, value))
+    return str(value)
+
+
+def listed(key: str, text: str) -> list[Any]:
+    """The values of a list that was given by the flag of a key.
+
+    Raises:
+        InputError: not numbers where these are wanted, or none of the words that there are.
+    """
+    field, option_name = field_of(key), f"--{FLAGS[key].name}"
+    if type_of(field) is int:
+        return parse_counts(text, option_name)
+    if type_of(field) is float:
+        return parse_numbers(text, option_name)
+    words = list(dict.fromkeys(word.strip() for word in text.split(",")))
+    for word in words:
+        if word not in choices_of(field):
+            known = ", ".join(choices_of(field))
+            raise InputError(f"{option_name} {word!r}: {key} is one of {known}")
+    return words
+
+
+def configuration(
+    preset: str,
+    config: Path | None,
+    assignments: Iterable[str] | None,
+    flags: Mapping[str, Any],
+    set_option: str = "--set",
+) -> tuple[RunConfig, dict[str, str]]:
+    """Preset < file < assignments < flags, and each value's source by its key."""
+    layers = [preset_layer(preset)]
+    if config is not None:
         # typer before 0.29 leaves it a str
-        layers.append(file_layer(Path(given["config"]), print_note))
-    layers.append(assignments)
-    layers += [
-        Layer(f"--{name}", {FLAGS[name]: given[name]}) for name in flags if given[name] is not None
-    ]
-    return layers
-
-
-def configuration(context: typer.Context) -> tuple[RunConfig, dict[str, str]]:
-    """Preset < file < --set < flags as given to the command, and each value's source by its key."""
-    given = context.params
-    layers = layers_of(given, assignment_layer(given["assignments"] or []), FLAGS)
-    if given["no_rf"]:
-        layers.append(Layer("--no-rf", {"reset.enabled": False}))
+        layers.append(file_layer(Path(config), print_note))
+    layers.append(assignment_layer(assignments or [], set_option))
+    layers += [_layer_of(f"--{FLAGS[key].name}", key, value) for key, value in flags.items()]
     return merge(layers)
+
+
+def _layer_of(option_name: str, key: str, value: Any) -> Layer:
+    if holds_several(field_of(key)):
+        return assignment_layer([f"{key}={value}"], option_name)
+    return Layer(option_name, {key: value})

@@ -26,22 +26,12 @@ from orchid_uav.cli.console import (
     stdout_for_json_alone,
 )
 from orchid_uav.cli.options import (
-    AlgorithmOption,
     ConfigOption,
-    DistributionOption,
-    EpisodesOption,
-    InitOption,
-    KappaOption,
-    NoResetOption,
-    ObjectiveOption,
     PresetOption,
-    SeedOption,
+    RunFlags,
     SetOption,
-    SharesOption,
-    UavsOption,
-    UsersOption,
-    WorldsOption,
     configuration,
+    with_flags,
 )
 from orchid_uav.experiments.configuration import FLAGS, RunConfig, spare_uavs_note
 from orchid_uav.experiments.errors import InputError, RunFailedError
@@ -68,30 +58,19 @@ _OF_NEW_RUNS = {
     "--preset": "preset",
     "--config": "config",
     "--set": "assignments",
-    "--no-rf": "no_rf",
     "--name": "name",
-    **{f"--{name}": name for name in FLAGS if name != "episodes"},
 }
-"""Options that make up a new run, and the parameters that hold them."""
+"""Options that make up a new run besides its flags, and the parameters that hold them."""
 
 
+@with_flags
 def train(
     context: typer.Context,
+    *,
     preset: PresetOption = "paper",
     config: ConfigOption = None,
     assignments: SetOption = None,
-    uavs: UavsOption = None,
-    users: UsersOption = None,
-    distribution: DistributionOption = None,
-    init: InitOption = None,
-    objective: ObjectiveOption = None,
-    shares: SharesOption = None,
-    episodes: EpisodesOption = None,
-    seed: SeedOption = None,
-    worlds: WorldsOption = None,
-    algorithm: AlgorithmOption = None,
-    kappa: KappaOption = None,
-    no_rf: NoResetOption = False,
+    flags: RunFlags,
     name: Annotated[
         str, typer.Option(help="Part of the run's id.", rich_help_panel=OUTPUT_PANEL)
     ] = "orchid",
@@ -137,12 +116,12 @@ def train(
         show_on_stderr(with_notes=not quiet)
         out = console(stderr=as_json)
         if resume is None:
-            merged, _ = configuration(context)
-            _note_idle_flags(merged, kappa)
+            merged, _ = configuration(preset, config, assignments, flags)
+            _note_idle_flags(merged, flags)
             if spare_uavs := spare_uavs_note(merged.network):
                 print_note(spare_uavs)
         else:
-            path, merged = _continuation(context, find_run(resume, expanded(runs_dir)))
+            path, merged = _continuation(context, flags, find_run(resume, expanded(runs_dir)))
         # torch and SB3 take seconds to import: not before the input is known to be right.
         from orchid_uav.experiments.interruption import interruption_requests
         from orchid_uav.experiments.runs.directory import RunDirectory
@@ -178,23 +157,26 @@ def train(
             raise typer.Exit(INTERRUPTED)
 
 
-def _note_idle_flags(config: RunConfig, kappa: float | None) -> None:
+def _note_idle_flags(config: RunConfig, flags: Mapping[str, Any]) -> None:
     if config.reset.enabled and 2 * config.reset.window >= config.training.episodes:
         print_note(
             f"Reset-and-Finetune cannot help here: it needs two windows of {config.reset.window} "
             f"episodes, and more to learn from after them; there are {config.training.episodes}"
         )
-    if kappa is not None and not config.reset.enabled:
+    if "reset.kappa" in flags and not config.reset.enabled:
         print_note("--kappa has no effect: Reset-and-Finetune is off")
 
 
-def _continuation(context: typer.Context, path: Path) -> tuple[Path, RunConfig]:
+def _continuation(
+    context: typer.Context, flags: Mapping[str, Any], path: Path
+) -> tuple[Path, RunConfig]:
     """The run that is to go on, and its configuration, with more episodes perhaps."""
     given = [
         option
         for option, parameter in _OF_NEW_RUNS.items()
         if getattr(context.get_parameter_source(parameter), "name", "") == "COMMANDLINE"
     ]
+    given += [f"--{FLAGS[key].name}" for key in flags if key != "training.episodes"]
     if given:
         raise InputError(
             f"--resume goes on with the run's own configuration, so {', '.join(given)} cannot be "
@@ -202,7 +184,7 @@ def _continuation(context: typer.Context, path: Path) -> tuple[Path, RunConfig]:
         )
     record = read_record(path)
     config = read_config(path, record)
-    status, episodes = status_of(path, record), context.params["episodes"]
+    status, episodes = status_of(path, record), flags.get("training.episodes")
     planned = config.training.episodes
     if status == "running":
         raise InputError(f"run {name_of(path)} is still running")

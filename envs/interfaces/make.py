@@ -1,13 +1,13 @@
 """Ways to make an environment from a few keywords."""
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from orchid_uav.envs.interfaces.pettingzoo_env import FleetParallelEnv
-from orchid_uav.envs.parameters import Parameters
+from orchid_uav.envs.parameters import Distribution, Objective, Observation, Parameters, Start
 from orchid_uav.extras import import_extra
 
 if TYPE_CHECKING:
@@ -20,11 +20,11 @@ if TYPE_CHECKING:
 def fleet_parameters(
     uavs: int | None = None,
     users: int | ArrayLike | None = None,
-    distribution: Literal["tcp", "uniform"] | None = None,
-    objective: Literal["mmf", "pf"] | None = None,
+    distribution: Distribution | None = None,
+    objective: Objective | None = None,
     speed_mps: float | None = None,
-    observation: Literal["paper"] | None = None,
-    init: Literal["kmeans", "random"] | None = None,
+    observation: Observation | None = None,
+    init: Start | None = None,
     parameters: Parameters | None = None,
     **overrides: Any,
 ) -> dict[str, Any]:

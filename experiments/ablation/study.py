@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
 
+from orchid_uav.envs.parameters import with_current_keys
 from orchid_uav.experiments.ablation.design import (
     FLOWN,
     TRAINED,
@@ -31,6 +32,7 @@ from orchid_uav.experiments.evaluation.directory import (
     header_of,
     read_interrupted,
     run_evaluation,
+    settings_of,
     told_if_not_drawn,
 )
 from orchid_uav.experiments.evaluation.flights import Plan, Progress
@@ -84,6 +86,7 @@ class AblationStudy:
                 return
             document = read_document(directory / DOCUMENT_FILE, _LARGEST_DOCUMENT)
             known = {key: document["settings"][key] for key in _FIXED}
+            known["base"] = with_current_keys(known["base"])
         except (OSError, ValueError, LookupError, TypeError) as error:
             raise InputError(
                 f"--out {directory} holds no ablation, and is left alone: {error}"
@@ -189,9 +192,9 @@ class AblationStudy:
         folder = self.directory / EVALUATION_FOLDER
         try:
             summary = read_document(folder / SUMMARY_FILE, _LARGEST_DOCUMENT)
-            if summary["status"] == "completed" and summary["settings"] == settings:
+            if summary["status"] == "completed" and settings_of(summary) == settings:
                 return summary
-        except (OSError, ValueError, LookupError):
+        except (OSError, ValueError, LookupError, TypeError):
             pass
         try:
             flown = read_interrupted(folder, plan, settings)

@@ -12,6 +12,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from orchid_uav.envs.parameters import with_current_keys
 from orchid_uav.envs.seeds import evaluation_seeds
 from orchid_uav.experiments.errors import InputError, RunFailedError
 from orchid_uav.experiments.evaluation.flights import (
@@ -105,7 +106,7 @@ def read_interrupted(
         if not directory.exists() or (directory.is_dir() and not any(directory.iterdir())):
             return {}
         summary = read_document(directory / SUMMARY_FILE, _LARGEST_SUMMARY)
-        status, known = summary["status"], summary["settings"]
+        status, known = summary["status"], settings_of(summary)
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(
             f"--out {directory} holds no results of orchid eval, and is left alone: {error}"
@@ -143,6 +144,19 @@ def read_interrupted(
                 name: np.array([row[name] for row in found], float) for name in EVALUATION_METRICS
             }
     return flown
+
+
+def settings_of(summary: Mapping[str, Any]) -> dict[str, Any]:
+    """The settings of a ``summary.json``, under the names that keys have today.
+
+    Raises:
+        ValueError, KeyError, TypeError: it has none, or others than an evaluation.
+    """
+    settings = summary["settings"]
+    methods = [
+        one | {"overrides": with_current_keys(one["overrides"])} for one in settings["methods"]
+    ]
+    return settings | {"methods": methods, "world": with_current_keys(settings["world"])}
 
 
 def reserve_directory(directory: Path) -> None:

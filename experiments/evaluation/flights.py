@@ -3,7 +3,7 @@
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_limits
 
 from orchid_uav.agents.controllers.planner import Planner
 from orchid_uav.envs.diagnostics import Diagnostics
-from orchid_uav.envs.parameters import Parameters
+from orchid_uav.envs.parameters import Distribution, NetworkParameters, Parameters
 from orchid_uav.envs.seeds import evaluation_seeds
 from orchid_uav.envs.world import Topologies, WorldBatch
 from orchid_uav.experiments.configuration import LEARNING_SECTIONS, SETTING_KEYS, RunConfig, flatten
@@ -27,16 +27,21 @@ Metrics = dict[str, Floats]
 FLOOR, CEILING = "loiter-mmf", "planner"
 """Methods between whose utilities the headroom lies."""
 _WORLDS_AT_ONCE = 1000
+_USUAL = NetworkParameters()
 
 
 class Setting(NamedTuple):
     """The world of some flights."""
 
-    distribution: Literal["tcp", "uniform"] = "tcp"
-    uavs: int = 6
-    users: int = 100
-    speed_mps: float = 0.0
-    heading_hold_s: float = 1.0
+    distribution: Distribution = _USUAL.distribution
+    uavs: int = _USUAL.uav_count
+    users: int = _USUAL.user_count
+    speed_mps: float = _USUAL.user_speed_mps
+    heading_hold_s: float = _USUAL.heading_hold_s
+
+    def values(self) -> dict[str, Any]:
+        """The same by ``"section.key"``."""
+        return dict(zip(SETTING_FIELDS, self, strict=True))
 
     def apply(self, world: Parameters) -> Parameters:
         """The parameters of this setting.
@@ -45,9 +50,19 @@ class Setting(NamedTuple):
             InputError: a combination that cannot be.
         """
         try:
-            return world.with_overrides(dict(zip(SETTING_KEYS, self, strict=True)))
+            return world.with_overrides(self.values())
         except ValueError as error:
             raise InputError(f"a setting that cannot be flown: {error}") from error
+
+
+SETTING_FIELDS = (
+    "network.distribution",
+    "network.uav_count",
+    "network.user_count",
+    "network.user_speed_mps",
+    "network.heading_hold_s",
+)
+"""The keys of what a setting consists of, in its order."""
 
 
 @dataclass(frozen=True)
@@ -199,7 +214,7 @@ class _Topologies:
         """The parameters that a method flies with, and its topologies."""
         parameters = self._parameters.with_overrides(dict(contender.overrides))
         # Nothing that is drawn depends on reward and shares.
-        kind = parameters.model_dump_json(exclude={"reward"})
+        kind = parameters.model_dump_json(exclude={"reward": True, "network": {"shares"}})
         if kind not in self._drawn:
             try:
                 self._drawn[kind] = Topologies.joined(

@@ -28,7 +28,7 @@ from orchid_uav.suggestions import unknown
 
 METHOD_KEYS = (
     "reward.objective",
-    "reward.shares",
+    "network.shares",
     "deployment.init",
     "uav.observation",
 )
@@ -36,7 +36,7 @@ METHOD_KEYS = (
 _MMF, _PF = (
     {
         "reward.objective": objective,
-        "reward.shares": None,
+        "network.shares": None,
         "deployment.init": "kmeans",
         "uav.observation": "paper",
     }

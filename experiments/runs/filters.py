@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
+from orchid_uav.envs.parameters import FORMER_KEYS
 from orchid_uav.experiments.configuration import assignment_layer, configuration_keys
 from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.runs.index import (
@@ -92,6 +93,7 @@ class Keys:
         Raises:
             InputError: there is none, or several end so.
         """
+        name = FORMER_KEYS.get(name, name)
         if name in self.known:
             return name
         ending = self._fields.get(name, [])

@@ -13,6 +13,7 @@ from functools import cache, cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from orchid_uav.envs.parameters import with_current_keys
 from orchid_uav.experiments.configuration import RunConfig, flatten
 from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.metrics import METRICS
@@ -169,7 +170,7 @@ def read_run(path: Path) -> Run:
         raise InputError(f"{path / RECORD_FILE} is no record of a run")
     found = {
         f"{section}.{key}": value
-        for section, fields in sections.items()
+        for section, fields in with_current_keys(sections).items()
         for key, value in fields.items()
     }
     config = _defaults() | found  # a key may be younger than the run

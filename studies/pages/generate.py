@@ -5,11 +5,13 @@ Numbers come from the committed JSON files under ``studies/results`` and
 page is not what this script makes of them.
 """
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from orchid_uav.envs.keys import unit_of, values_of
-from orchid_uav.experiments.configuration import RunConfig
+from orchid_uav.envs.parameters import FORMER_KEYS
+from orchid_uav.experiments.configuration import PRESETS, RunConfig
 from studies.pages.ablation import ABLATION_BLOCKS, draw_ablations
 from studies.pages.deployment import draw_deployment
 from studies.pages.evaluation import BLOCKS, draw_studies, record_sources
@@ -37,6 +39,17 @@ def configuration_page() -> str:
         "the ranges, and with `--changed` only what differs from the preset.",
         "",
         "This page is made from the code by `make docs-data`.",
+        "",
+        "## Presets",
+        "",
+        "What a configuration begins with: `orchid train --preset quick`.",
+        "",
+        "| preset | what it is for | what differs from the paper |",
+        "|---|---|---|",
+        *(
+            f"| `{name}` | {preset.idea} | {_changes(preset.sections)} |"
+            for name, preset in PRESETS.items()
+        ),
     ]
     for section, info in RunConfig.model_fields.items():
         model = type(info.default)
@@ -47,7 +60,19 @@ def configuration_page() -> str:
                 f"| `{section}.{field}` | {_default(description.default)} | {unit_of(field)} "
                 f"| {values_of(description, quote='`')} | {description.description} |"
             )
+    lines += ["", "## Former names", "", "Files and commands of earlier versions are still read."]
+    lines += ["", "| then | now |", "|---|---|"]
+    lines += [f"| `{former}` | `{key}` |" for former, key in FORMER_KEYS.items()]
     return "\n".join(lines) + "\n"
+
+
+def _changes(sections: Mapping[str, Mapping[str, Any]]) -> str:
+    changes = [
+        f"`{section}.{field} = {_default(value)}`"
+        for section, fields in sections.items()
+        for field, value in fields.items()
+    ]
+    return ", ".join(changes) or "nothing"
 
 
 def _default(value: Any) -> str:

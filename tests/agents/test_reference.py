@@ -7,10 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.main import get_command
 
-from orchid_uav.cli.main import app
-from orchid_uav.cli.options import configuration
 from orchid_uav.experiments.configuration import RunConfig, flatten
 from orchid_uav.experiments.evaluation.methods import (
     COMMANDS,
@@ -84,10 +81,8 @@ def test_weights_are_those_that_were_recorded(key):
 
 
 @pytest.mark.parametrize("key", KEYS)
-def test_the_documented_command_gives_the_recorded_configuration(key):
-    train = get_command(app).get_command(None, "train")
-    context = train.make_context("train", list(COMMANDS[key]))
-    merged, _ = configuration(context)
+def test_the_documented_command_gives_the_recorded_configuration(orchid, key):
+    merged = RunConfig.model_validate_json(orchid("config", "show", "--json", *COMMANDS[key]).out)
     stored = RunConfig.model_validate_json((REFERENCE / key / "config.json").read_text())
     assert flatten(stored) == flatten(merged)
     assert record_of(key)["command"] == ["orchid", "train", *COMMANDS[key], "--name", key]

@@ -631,6 +631,8 @@ class TestCompletion:
         assert complete("runs", "list", "--columns", "reset.kap") == ["reset.kappa"]
         assert complete("runs", "list", "--where", "stat") == ["status"]
         assert complete("train", "--track", "ml") == ["mlflow"]
+        assert complete("train", "--preset", "q") == ["quick"]
+        assert complete("ablate", "--preset", "") == ["paper", "quick"]
 
     @pytest.mark.parametrize(
         "words", [("train", "--set"), ("eval", "--set"), ("ablate", "--set"), ("ablate", "--base")]
@@ -643,7 +645,7 @@ class TestCompletion:
             "ppo.hidden_sizes=",
             "ppo.hidden_sizes=[256,256,256]",
         ]
-        for text in (found[1] + "20", "ppo.hidden_sizes=[256,256,256]", "reward.shares=none"):
+        for text in (found[1] + "20", "ppo.hidden_sizes=[256,256,256]", "network.shares=none"):
             assignment_layer([text])
 
     def test_load_nothing_that_is_slow(self, plain_environment, tmp_path):

@@ -311,7 +311,7 @@ def lab(tmp_path_factory):
         make_run(directory, "a", config={"reset__kappa": 0.1}, log=rows(3, rate_jfi=0.7))
         make_run(directory, "b", config={"reset__kappa": 0.5}, log=rows(3, rate_jfi=0.9))
         make_run(directory, "c", config={"training__algorithm": "maddpg"}, log=[], status="failed")
-        make_run(directory, "d", config={"reward__shares": "pf"}, log=rows(2, rate_jfi=0.8))
+        make_run(directory, "d", config={"network__shares": "pf"}, log=rows(2, rate_jfi=0.8))
         make_run(directory, "e", config={"training__seed": 10}, log=rows(3, rate_jfi=float("nan")))
     for number, path in enumerate(sorted(directory.iterdir(), key=lambda path: path.name[17])):
         reseal(path, started=f"2026-01-0{number + 1}T00:00:00+00:00")
@@ -345,8 +345,8 @@ class TestWhere:
             ("reset.enabled=false", "c"),
             ("reset.enabled=0", ""),  # 0 is not false
             ("reset.max_resets=true", ""),
-            ("reward.shares=none", "ecba"),
-            ("reward.shares!=pf", "ecba"),
+            ("network.shares=none", "ecba"),
+            ("network.shares!=pf", "ecba"),
             ("rate_jfi>0.75", "db"),
             ("rate_jfi<=0.8", "da"),
             ("rate_jfi=none", "ec"),

@@ -89,7 +89,7 @@ def setting_of(parameters: Parameters) -> independent.Setting:
     return independent.Setting(
         required_snr_db=parameters.channel.required_snr_db,
         bandwidth_hz=parameters.bandwidth_hz,
-        shares=parameters.reward.share_rule,
+        shares=parameters.share_rule,
     )
 
 
@@ -134,13 +134,13 @@ class TestBlockingPairs:
     )
     def test_are_those_that_plain_loops_find(self, rule, overrides):
         # From random starts there are many; from K-Means starts hardly one in every third world.
-        kind = {"reward.shares": rule, "deployment.init": "random"}
+        kind = {"network.shares": rule, "deployment.init": "random"}
         world, diagnostics = begun(overrides | kind, worlds=3, seed=3)
         assert count_both(world, diagnostics, slots=2, seed=3) > 0
 
     @pytest.mark.parametrize("rule", RULES)
     def test_are_those_that_plain_loops_find_from_a_k_means_start(self, rule):
-        world, diagnostics = begun({"reward.shares": rule, "user_count": 60}, worlds=12, seed=1)
+        world, diagnostics = begun({"network.shares": rule, "user_count": 60}, worlds=12, seed=1)
         count_both(world, diagnostics, slots=1, seed=1)
 
     @settings(max_examples=30, deadline=None)
@@ -158,7 +158,7 @@ class TestBlockingPairs:
             {
                 "uav_count": uavs,
                 "user_count": uavs + extra_users,
-                "reward.shares": rule,
+                "network.shares": rule,
                 "required_snr_db": required_snr_db,
                 "min_altitude_m": 10.0,
                 "max_altitude_m": 900.0,
@@ -177,7 +177,7 @@ class TestBlockingPairs:
         found = []
         for required_snr_db in (-30.0, 18.0, 60.0):
             overrides = {"required_snr_db": required_snr_db, "distribution": "uniform"}
-            kind = {"reward.shares": rule, "deployment.init": "random"}
+            kind = {"network.shares": rule, "deployment.init": "random"}
             world, diagnostics = begun(overrides | kind, worlds=3, seed=1)
             found.append(count_both(world, diagnostics, slots=1, seed=1))
             served = world.arrays.association >= 0
@@ -186,7 +186,7 @@ class TestBlockingPairs:
 
     @pytest.mark.parametrize("rule", RULES)
     def test_an_idle_uav_is_wanted_by_those_who_share_a_cell(self, rule):
-        world, diagnostics = begun({"reward.shares": rule, "uav_count": 3, "user_count": 30})
+        world, diagnostics = begun({"network.shares": rule, "uav_count": 3, "user_count": 30})
         positions_m, powers_w = world.arrays.positions_m.copy(), world.arrays.transmit_powers_w
         positions_m[0, 2] = positions_m[0, 1]
         world.place(positions_m, [[0.2, 0.2, 0.19]])
@@ -229,7 +229,7 @@ class TestBlockingPairs:
         # throughput from 2.60 to 3.14; but it would fall from 14.27 to 6.19. Users at x = 0 would
         # get 1 / (1 / 2.03 + 1 / 2.60) = 1.14. The other rules give the same signs.
         users_m = [[0.0, 500.0]] * 9 + [[480.0, 500.0], [served_at_m, 500.0]]
-        overrides = {"uav_count": 2, "reward.shares": rule}
+        overrides = {"uav_count": 2, "network.shares": rule}
         world = WorldBatch(Parameters().with_overrides(overrides), seed=0, user_positions_m=users_m)
         world.reset()
         positions_m = [[[0.0, 500.0, 100.0], [1000.0, 500.0, 100.0]]]

@@ -181,7 +181,7 @@ class TestParallel:
         parameters = env.parameters
         assert (parameters.network.uav_count, parameters.network.user_count) == (2, 9)
         assert parameters.network.distribution == "uniform"
-        assert parameters.reward.share_rule == "pf"
+        assert parameters.share_rule == "pf"
         assert parameters.network.user_speed_mps == 3.0
         assert parameters.deployment.init == "random"
         assert parameters.network.heading_hold_s == 20.0

@@ -89,10 +89,10 @@ def test_total_bandwidth_is_divided_among_the_uavs():
 
 
 def test_objective_sets_the_shares_unless_they_are_given():
-    assert Parameters().reward.share_rule == "mmf"
-    assert Parameters().with_overrides({"objective": "pf"}).reward.share_rule == "pf"
+    assert Parameters().share_rule == "mmf"
+    assert Parameters().with_overrides({"objective": "pf"}).share_rule == "pf"
     both = Parameters().with_overrides({"objective": "mmf", "shares": "pf"})
-    assert both.reward.share_rule == "pf"
+    assert both.share_rule == "pf"
 
 
 def values_within(key: str, text: str) -> st.SearchStrategy[Any]:

@@ -16,8 +16,8 @@ CASES = {
     "uniform, moving users": {"network.distribution": "uniform", "network.user_speed_mps": 15.0},
     "held headings": {"network.user_speed_mps": 10.0, "network.heading_hold_s": 20.0},
     "proportional fairness": {"reward.objective": "pf"},
-    "equal shares, MMF reward": {"reward.shares": "pf"},
-    "shares by efficiency": {"reward.shares": "se"},
+    "equal shares, MMF reward": {"network.shares": "pf"},
+    "shares by efficiency": {"network.shares": "se"},
     "collisions": CROWDED,
     "weak backhaul": WEAK_BACKHAUL,
     "nobody reaches the SNR": {"channel.required_snr_db": 60.0},
@@ -40,7 +40,7 @@ def setting_of(parameters: Parameters) -> independent.Setting:
         bandwidth_hz=parameters.bandwidth_hz,
         gbs_power_dbm=parameters.gbs.transmit_power_dbm,
         objective=reward.objective,
-        shares=reward.share_rule,
+        shares=parameters.share_rule,
         climb_mass_kg=rotor.mass_kg if rotor.climb_power else 0.0,
     )
 
@@ -492,7 +492,7 @@ def test_every_parameter_of_the_network_acts():
         "deployment.init": "random",
         "deployment.n_init": 7,
         "reward.objective": "pf",
-        "reward.shares": "se",
+        "network.shares": "se",
         "network.user_count": 90,
         "network.uav_count": 5,
         "network.sensing_error_std_m": 80.0,

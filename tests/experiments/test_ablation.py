@@ -223,7 +223,7 @@ class TestPlan:
             ("rotor.disc_area_m2=0.6", {"rotor.disc_area_m2": 0.6}),
             ("reset.kappa=0.1", {}),
             ("ppo.epochs=2", {}),
-            ("reward.shares=pf", {}),
+            ("network.shares=pf", {}),
             ("deployment.init=random", {}),
             ("reward.coverage_weight=9", {}),
         ],
@@ -393,7 +393,7 @@ class TestStatistics:
         base = tiny_config()
         variants = [
             Variant("pf", {"reward.objective": "pf"}),
-            Variant("se", {"reward.shares": "se"}),
+            Variant("se", {"network.shares": "se"}),
         ]
         ablation = Ablation(base, variants, [0], 1, 0, 0.05)
         assert ablation.rewarded_otherwise() == ["pf"]

@@ -139,7 +139,7 @@ class TestKeys:
         told = dict(line.split("\t")[0:4:3] for line in orchid("config", "show").out.splitlines())
         assert told["network.slot_s"] == "0.001..86400"
         assert told["network.total_bandwidth_hz"] == "1..1e+12 or none"
-        assert told["reward.shares"] == "mmf, pf, se or none"
+        assert told["network.shares"] == "mmf, pf, se or none"
         assert told["reset.enabled"] == "true, false"
         assert told["ppo.hidden_sizes"] == "1..16 × 1..4096"
         assert all(told.values())
@@ -150,7 +150,8 @@ class TestKeys:
 
 class TestMerging:
     def test_preset_then_file_then_set_then_flags(self, orchid, tmp_path, monkeypatch):
-        preset = {"network": {"uav_count": 2, "user_count": 22, "area_m": 200.0, "slot_s": 0.5}}
+        network = {"uav_count": 2, "user_count": 22, "area_m": 200.0, "slot_s": 0.5}
+        preset = configuration.Preset("a lab's", {"network": network})
         monkeypatch.setitem(configuration.PRESETS, "lab", preset)
         file = tmp_path / "lab.toml"
         file.write_text("[network]\nuav_count = 3\nuser_count = 33\narea_m = 300.0\n")
@@ -171,7 +172,7 @@ class TestMerging:
             ("--distribution=uniform", "network.distribution", "uniform"),
             ("--init=random", "deployment.init", "random"),
             ("--objective=pf", "reward.objective", "pf"),
-            ("--shares=se", "reward.shares", "se"),
+            ("--shares=se", "network.shares", "se"),
             ("--episodes=9", "training.episodes", 9),
             ("--seed=11", "training.seed", 11),
             ("--worlds=4", "training.worlds", 4),
@@ -232,7 +233,8 @@ class TestMerging:
                 assert merged == DEFAULTS | {key: [2 * one for one in value]}
 
     def test_only_what_was_changed(self, orchid, tmp_path, monkeypatch):
-        monkeypatch.setitem(configuration.PRESETS, "lab", {"network": {"user_count": 22}})
+        preset = configuration.Preset("a lab's", {"network": {"user_count": 22}})
+        monkeypatch.setitem(configuration.PRESETS, "lab", preset)
         file = tmp_path / "lab.toml"
         file.write_text("[uav]\nmax_speed_mps = 20.0\n[network]\nslot_s = 1.0\n")
         arguments = ["--preset=lab", "--algorithm=maddpg", "--uavs=6", "--changed"]
@@ -325,7 +327,7 @@ class TestWrongKeys:
         finished = orchid("config", "show", "--set", f"{wrong}=3")
         assert_is_an_error(finished, f"'{wrong}'", f"'{right}'")
 
-    @pytest.mark.parametrize(("flag", "key"), [*FLAGS.items(), ("no-rf", "reset.enabled")])
+    @pytest.mark.parametrize(("flag", "key"), [(flag.name, key) for key, flag in FLAGS.items()])
     def test_a_flags_name(self, tmp_path, flag, key):
         file = tmp_path / "lab.toml"
         file.write_text(f"{flag} = 3\n")
@@ -640,7 +642,7 @@ def test_every_key_that_changes_the_reward_function_is_known(objective):
             assert found == [key]
         told += found
     assert {"network.episode_slots", "training.schedule_episodes"} <= set(told)
-    assert not {"reward.shares", "reset.kappa", "network.user_count", "training.seed"} & set(told)
+    assert not {"network.shares", "reset.kappa", "network.user_count", "training.seed"} & set(told)
     assert ("reward.log_rate_floor_bps" in told) == (objective == "pf")
 
 

@@ -492,7 +492,7 @@ def test_lists_all_methods(evaluate_tiny, tmp_path):
         (["--set=ppo.discount=0.9"], ["ppo.discount", "no effect"]),
         (["--set=network.uav_count=3"], ["--uavs"]),
         (["--set=reward.objective=pf"], ["--methods"]),
-        (["--set=reward.shares=pf"], ["--methods"]),
+        (["--set=network.shares=pf"], ["--methods"]),
         (["--set=deployment.init=random"], ["--methods"]),
         (["--uavs=1..100", "--users=1..10000"], ["1,000,000 settings"]),
         (["--uavs=2,0"], ["--uavs 2,0", "no whole number"]),

@@ -14,7 +14,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_hex
 
 from orchid_uav.envs.parameters import Parameters
-from orchid_uav.experiments.configuration import SETTING_KEYS
+from orchid_uav.experiments.evaluation.flights import SETTING_FIELDS
 from orchid_uav.experiments.evaluation.methods import RELEASED, known_methods
 from orchid_uav.experiments.figures.contact_sheet import write_evaluation_sheet
 from orchid_uav.experiments.figures.evaluation_figures import MOST_LINES, draw_figures, draw_metric
@@ -241,7 +241,7 @@ class TestLines:
         assert " ".join(figure.get_suptitle().split()) == title
 
     def test_the_setting_of_configurations_is_what_an_evaluation_calls_so(self):
-        given = dict(zip(SETTING_KEYS, ("uniform", 3, 20, 2.0, 5.0), strict=True))
+        given = dict(zip(SETTING_FIELDS, ("uniform", 3, 20, 2.0, 5.0), strict=True))
         assert setting_of([given]).replace("\N{NO-BREAK SPACE}", " ") == (
             "3 UAVs, 20 uniform users, up to 2 m/s, heading held for 5 s"
         )

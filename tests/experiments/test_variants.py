@@ -66,7 +66,7 @@ class TestNames:
 
 class TestApplied:
     def test_changes_the_given_values_and_no_other(self):
-        base = tiny_config(5, reset__kappa=0.3, training__seed=7, reward__shares="se")
+        base = tiny_config(5, reset__kappa=0.3, training__seed=7, network__shares="se")
         variant = Variant("both", {"reset.window": 9, "ppo.hidden_sizes": [8]})
         config = apply_variant(variant, base)
         assert differences(config, base) == {"reset.window": 9, "ppo.hidden_sizes": (8,)}
@@ -183,7 +183,7 @@ class TestCheck:
         variants = [
             NO_RF,
             *variants_of_values("kappa", "reset.kappa", [0.1, 0.3]),
-            *variants_of_values("shares", "reward.shares", ["se"]),
+            *variants_of_values("shares", "network.shares", ["se"]),
             *variants_of_values("init", "deployment.init", ["random"]),
             *(control(name, PAPER) for name in CONTROLS),
         ]
@@ -196,7 +196,7 @@ class TestCheck:
             ("training.algorithm=maddpg", {}, "Reset-and-Finetune stays on"),
             ("reward.objective=pf", {}, "(reward.objective), so rewards do not compare"),
             ("training.episodes=300", {}, "(training.schedule_episodes), so rewards do not"),
-            ("reward.coverage_weight=1", {"reward.shares": "se"}, "rewards do not compare"),
+            ("reward.coverage_weight=1", {"network.shares": "se"}, "rewards do not compare"),
             ("network.scatter_std_m=0", {}, "5 places at most, fewer than the 7 clusters"),
         ],
     )
