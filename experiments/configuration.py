@@ -207,9 +207,9 @@ class Preset(NamedTuple):
 
 
 PRESETS = {
-    "paper": Preset("the paper's run, five to ten minutes of one core", {}),
+    "paper": Preset("the paper's run, two to five minutes of one core", {}),
     "quick": Preset(
-        "a run of about a minute on a slow core, for trying things: the paper's network, fewer "
+        "a run of half a minute, on a slow core of one, for trying things: the paper's network, fewer "
         "episodes, and a Reset-and-Finetune that has more than half of them left after a reset",
         {
             "reset": {"window": 20},
