@@ -311,7 +311,7 @@ class RewardParameters(Section):
     """What is rewarded. A pair is a weight's value at training progress 0 and 1."""
 
     objective: Annotated[Objective, Flag("objective", "method")] = "mmf"
-    """Rate term and shares: `mmf`, rate JFI and max-min; `pf`, mean log and equal (M12, M13)."""
+    """Rate term and shares: `mmf`, JFI and max-min, or `pf`, mean log rate and equal (M12, M13)."""
     coverage_weight: Weight = 0.5
     """Weight w_1 of coverage."""
     efficiency_weight: Pair = (0.2, 0.5)

@@ -209,8 +209,8 @@ class Preset(NamedTuple):
 PRESETS = {
     "paper": Preset("the paper's run, two to five minutes of one core", {}),
     "quick": Preset(
-        "a run of half a minute, on a slow core of one, for trying things: the paper's network, fewer "
-        "episodes, and a Reset-and-Finetune that has more than half of them left after a reset",
+        "a run of half a minute, on a slow core of one, for trying things: the paper's network, "
+        "fewer episodes, and a Reset-and-Finetune that leaves more than half of them after a reset",
         {
             "reset": {"window": 20},
             "checkpoint": {"every_episodes": 20},

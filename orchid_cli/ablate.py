@@ -28,6 +28,7 @@ from orchid_uav.cli.console import (
     stdout_for_json_alone,
 )
 from orchid_uav.cli.options import (
+    VARIANTS_PANEL,
     BaseFlags,
     ConfigOption,
     PresetOption,
@@ -48,7 +49,7 @@ if TYPE_CHECKING:
     from orchid_uav.experiments.jobs.local_processes import LocalProcesses
     from orchid_uav.experiments.training.job import TrainingJob
 
-_BASE, _VARIANTS, _STUDY = "Base", "Variants, each compared with the base", "Study"
+_BASE, _STUDY = "Base", "Study"
 
 
 @with_flags
@@ -59,7 +60,7 @@ def ablate(
     assignments: Annotated[
         list[str] | None,
         option(
-            _VARIANTS,
+            VARIANTS_PANEL,
             "section.key=value; may be repeated, a variant each.",
             "--set",
             autocompletion=completion.assignments,
@@ -68,7 +69,7 @@ def ablate(
     controls: Annotated[
         str | None,
         option(
-            _VARIANTS,
+            VARIANTS_PANEL,
             "Controls for Reset-and-Finetune: all, or of reset-only, decay-only, random-time, "
             "linear-decay, frozen.",
             "--controls",

@@ -27,7 +27,14 @@ from orchid_uav.cli.console import (
     print_table,
     stdout_for_json_alone,
 )
-from orchid_uav.cli.options import ConfigOption, SetOption, SettingFlags, listed, with_flags
+from orchid_uav.cli.options import (
+    SETTINGS_PANEL,
+    ConfigOption,
+    SetOption,
+    SettingFlags,
+    listed,
+    with_flags,
+)
 from orchid_uav.cli.ranges import MOST_VALUES
 from orchid_uav.experiments.configuration import (
     LEARNING_SECTIONS,
@@ -48,7 +55,7 @@ if TYPE_CHECKING:
     from orchid_uav.experiments.evaluation.flights import Plan, Setting
     from orchid_uav.experiments.evaluation.methods import Contender
 
-_METHODS, _SETTINGS = "Methods", "Settings"
+_METHODS = "Methods"
 
 
 def _option(panel: str, text: str, *names: str, **more: Any) -> Any:
@@ -89,9 +96,9 @@ def evaluate(
     ] = 3000,
     flags: SettingFlags,
     episodes: Annotated[
-        int, _option(_SETTINGS, "Topologies per setting.", min=1, max=100_000, metavar="N")
+        int, _option(SETTINGS_PANEL, "Topologies per setting.", min=1, max=100_000, metavar="N")
     ] = 100,
-    seed: Annotated[int, _option(_SETTINGS, "Seed of the topologies.", **SEED)] = 0,
+    seed: Annotated[int, _option(SETTINGS_PANEL, "Seed of the topologies.", **SEED)] = 0,
     config: ConfigOption = None,
     assignments: SetOption = None,
     metrics: Annotated[

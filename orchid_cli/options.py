@@ -13,7 +13,7 @@ import typer
 from orchid_uav.cli import completion
 from orchid_uav.cli.console import print_note
 from orchid_uav.cli.ranges import parse_counts, parse_numbers
-from orchid_uav.envs.keys import choices_of, holds_several, type_of, unit_of
+from orchid_uav.envs.keys import choices_of, holds_several, least_of, type_of, unit_of
 from orchid_uav.experiments.configuration import (
     FLAGS,
     LEARNING_SECTIONS,
@@ -30,6 +30,7 @@ from orchid_uav.experiments.errors import InputError
 
 _DECISIONS = re.compile(r" \(M\d+(, M\d+)*\)")
 """References to docs/model.md, which a terminal does not have."""
+VARIANTS_PANEL, SETTINGS_PANEL = "Variants, each compared with the base", "Settings"
 
 
 def option(panel: str, text: str, *names: str, **more: Any) -> Any:
@@ -145,7 +146,7 @@ VariantFlags = Annotated[
             )
         ),
         are_lists=True,
-        panel="Variants, each compared with the base",
+        panel=VARIANTS_PANEL,
     ),
 ]
 """Lists of what methods differ in."""
@@ -154,7 +155,7 @@ SettingFlags = Annotated[
     _Flags(
         tuple(key for key, flag in FLAGS.items() if flag.varies == "world"),
         are_lists=True,
-        panel="Settings",
+        panel=SETTINGS_PANEL,
     ),
 ]
 """Lists of what worlds differ in."""
@@ -210,7 +211,7 @@ def listed(key: str, text: str) -> list[Any]:
     """
     field, option_name = field_of(key), f"--{FLAGS[key].name}"
     if type_of(field) is int:
-        return parse_counts(text, option_name)
+        return parse_counts(text, option_name, least_of(field) or 0)
     if type_of(field) is float:
         return parse_numbers(text, option_name)
     words = list(dict.fromkeys(word.strip() for word in text.split(",")))
