@@ -4,6 +4,8 @@ The loops over users are written so that they vectorise: no branches, no indices
 loop's, and numbers of UAVs kept as floats.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -54,6 +56,7 @@ def find_strongest(
     best_case_gain_m2: float,
     strongest: Floats,
     strongest_power_w: Floats,
+    own_path_loss_db: Callable[..., float] | None = None,
 ) -> None:
     """The UAV that each target user receives best, the first of equals, and the received power.
 
@@ -71,6 +74,7 @@ def find_strongest(
         best_case_gain_m2: received over transmitted power with a line of sight, times distance².
         strongest: result, (M,).
         strongest_power_w: result in W, (M,); infinite for users that are no targets.
+        own_path_loss_db: used instead of ``air_to_ground_path_loss_db``, for every link.
     """
     uavs, users = distance_squared_m2.shape
     near_distance_squared, near_altitude_squared = np.empty(users), np.empty(users)
@@ -98,8 +102,10 @@ def find_strongest(
                 positions_m[uav, 2],
                 link,
                 antenna_gain_db,
+                own_path_loss_db,
             )
 
+    evaluates_all = own_path_loss_db is not None or not LOSS_ALLOWS_PRUNING
     may_be_stronger = np.empty(users, np.bool_)
     for uav in range(uavs):
         row, power_w, altitude_m = distance_squared_m2[uav], powers_w[uav], positions_m[uav, 2]
@@ -111,10 +117,12 @@ def find_strongest(
                 > near_altitude_squared[user] * row[user]
             )
             can_reach = best_case_w_m2 >= strongest_power_w[user] * row[user]
-            may_be_stronger[user] = (is_higher & can_reach) | (not LOSS_ALLOWS_PRUNING)
+            may_be_stronger[user] = (is_higher & can_reach) | evaluates_all
         for user in range(users):
             if may_be_stronger[user]:
-                received_w = link_power_w(power_w, row[user], altitude_m, link, antenna_gain_db)
+                received_w = link_power_w(
+                    power_w, row[user], altitude_m, link, antenna_gain_db, own_path_loss_db
+                )
                 best_w = strongest_power_w[user]
                 if received_w > best_w or (received_w == best_w and uav < strongest[user]):
                     strongest[user], strongest_power_w[user] = float(uav), received_w
@@ -127,8 +135,12 @@ def link_power_w(
     altitude_m: float,
     link: tuple[float, ...],
     antenna_gain_db: float,
+    own_path_loss_db: Callable[..., float] | None = None,
 ) -> float:
     """Power in W that a user receives over one access link, from squared 3-D distance in m²."""
-    ground_squared = max(distance_squared_m2 - altitude_m * altitude_m, 0.0)
-    path_loss_db = air_to_ground_path_loss_db(np.sqrt(ground_squared), altitude_m, *link)
+    ground_m = np.sqrt(max(distance_squared_m2 - altitude_m * altitude_m, 0.0))
+    if own_path_loss_db is None:  # decided when compiled, as it is the argument's type
+        path_loss_db = air_to_ground_path_loss_db(ground_m, altitude_m, *link)
+    else:
+        path_loss_db = own_path_loss_db(ground_m, altitude_m, *link)
     return received_power_w(transmit_power_w, antenna_gain_db, path_loss_db)

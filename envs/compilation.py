@@ -3,12 +3,18 @@
 The cache is a convenience. Whatever is wrong with it, the functions are compiled without.
 """
 
+import functools
 import hashlib
+import inspect
+import math
 import os
+import sys
 from collections.abc import Callable
 from pathlib import Path
+from types import FunctionType
 from typing import Any, ClassVar
 
+import numpy as np
 from numba import njit
 from numba.core import config
 from numba.core.caching import (
@@ -19,6 +25,7 @@ from numba.core.caching import (
     UserWideCacheLocator,
 )
 from numba.core.dispatcher import Dispatcher
+from numba.extending import register_jitable
 
 from orchid_uav.notices import note_once, warn_once
 
@@ -45,6 +52,78 @@ def compiled(function: Callable[..., None]) -> Callable[..., None]:
         except RuntimeError:  # what numba raises where no folder for it can be written
             dispatcher._cache = _NoCache(function)  # type: ignore[attr-defined]
     return dispatcher
+
+
+@functools.lru_cache(maxsize=64)
+def specialised(
+    function: Callable[..., None], own: Callable[..., Any], digest: str | None
+) -> Callable[..., None]:
+    """A compiled function whose last argument but ``sources`` is a function of the user's own.
+
+    Args:
+        function: what :func:`compiled` gave; its own cache is left alone.
+        own: a function that numba has compiled.
+        digest: of ``own``, see :func:`digest_of`; without one, no code is kept on disk.
+    """
+    body = getattr(function, "py_func", function)  # itself, with NUMBA_DISABLE_JIT
+    uncached = njit(error_model="numpy")(body)
+
+    @register_jitable
+    def call_own(*arguments: Any) -> Any:  # code with a compiled function as a value is not kept
+        return own(*arguments)
+
+    def with_own(*arguments: Any) -> None:
+        uncached(*arguments, call_own)
+
+    dispatcher = njit(error_model="numpy")(with_own)
+    if isinstance(dispatcher, Dispatcher):
+        try:
+            if digest is None:
+                dispatcher._cache = _Unkept()  # type: ignore[attr-defined]
+            else:
+                kind = f"{body.__module__}.{body.__qualname__}"
+                dispatcher._cache = _OwnCache(with_own, (kind, digest, SOURCES))  # type: ignore[attr-defined]
+        except RuntimeError:
+            dispatcher._cache = _NoCache(with_own)  # type: ignore[attr-defined]
+    return dispatcher
+
+
+def digest_of(function: Callable[..., Any]) -> str | None:
+    """A digest of all that the machine code of a function depends on, None if that is unknown.
+
+    That is its bytecode, defaults, and what it closes over or names in its module: numbers, texts,
+    tuples of these, arrays, numpy, math, and functions of which the same holds. What is read
+    through another module, or by a function inside it, could change unseen.
+    """
+    digest = hashlib.sha256()
+    seen: list[FunctionType] = []
+
+    def add(value: Any) -> bool:
+        value = getattr(value, "py_func", value)
+        if isinstance(value, FunctionType):
+            if value in seen:
+                digest.update(b"@%d" % seen.index(value))
+                return True
+            seen.append(value)
+            if value.__module__ not in sys.modules:  # numba looks for it there
+                return False
+            code, read = value.__code__, inspect.getclosurevars(value)
+            digest.update(code.co_code)
+            names = (value.__module__, code.co_names, code.co_varnames, code.co_freevars)
+            named = sorted({**read.globals, **read.nonlocals}.items())
+            return all(map(add, (names, code.co_consts, value.__defaults__, *named)))
+        if isinstance(value, tuple):
+            digest.update(b"(%d" % len(value))
+            return all(map(add, value))
+        if isinstance(value, np.ndarray) and not value.dtype.hasobject:
+            digest.update(f"{value.dtype} {value.shape} ".encode() + value.tobytes())
+            return True
+        plain = bool | int | float | complex | str | bytes | np.generic | None
+        is_known = value is np or value is math or isinstance(value, plain)
+        digest.update(f"{type(value).__name__} {value!r}\0".encode() if is_known else b"")
+        return is_known
+
+    return digest.hexdigest() if add(function) else None
 
 
 class _CheckedFile(IndexDataCacheFile):
@@ -136,6 +215,28 @@ class _Cache(FunctionCache):
     def _go_without(self, error: Exception) -> None:
         self.disable()
         _warn_of_no_cache(self._cache_path, _described(error))
+
+
+class _OwnCache(_Cache):
+    """Of a function specialised for one of the user's own, under that one's key.
+
+    numba's key would hold the function itself, which is another one in every process.
+    """
+
+    def __init__(self, function: Callable[..., None], key: tuple[str, ...]) -> None:
+        super().__init__(function)
+        self._key = key
+
+    def _index_key(self, sig: Any, codegen: Any) -> tuple[Any, ...]:
+        return sig, codegen.magic_tuple(), self._key
+
+
+class _Unkept(NullCache):
+    """Of a function specialised for one of the user's own that may change unseen."""
+
+    def load_overload(self, sig: Any, target_context: Any) -> None:
+        """Nothing is kept."""
+        _announce("at every start, as the given function reads what cannot be told from its code")
 
 
 class _NoCache(NullCache):

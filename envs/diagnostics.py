@@ -1,5 +1,7 @@
 """Metrics of a slot that evaluation wants and learning does not."""
 
+from collections.abc import Callable
+
 import numpy as np
 from numba import njit
 
@@ -47,6 +49,7 @@ class Diagnostics:
 
     def __init__(self, world: WorldBatch) -> None:
         self._world = world
+        self._inspect = world.specialised(inspect_worlds)
         self._sums = np.zeros((world.world_count, len(DIAGNOSTIC_METRICS)))
         self._last_velocities_mps = np.zeros_like(world.arrays.velocities_mps)
         self._gbs: tuple[Floats, Floats, Floats] | None = None
@@ -62,7 +65,7 @@ class Diagnostics:
         world = self._world
         arrays = world.arrays
         inspected = np.empty((world.world_count, 3))
-        inspect_worlds(world.constants, arrays, self._last_velocities_mps, inspected)
+        self._inspect(world.constants, arrays, self._last_velocities_mps, inspected)
         self._last_velocities_mps[:] = arrays.velocities_mps
         if self._gbs is None or world.parameters.network.user_speed_mps > 0.0:
             self._gbs = _gbs_metrics(world)
@@ -101,6 +104,7 @@ def inspect_worlds(
     worlds: Worlds,
     last_velocities_mps: Floats,
     metrics: Floats,
+    own_path_loss_db: Callable[..., float] | None = None,
     sources: str = SOURCES,
 ) -> None:
     """Energy efficiency with thrust paid for, distance to the nearest UAV, blocking pairs.
@@ -110,6 +114,7 @@ def inspect_worlds(
         worlds: B worlds after a step.
         last_velocities_mps: of the slot before, (B, N, 3).
         metrics: result, (B, 3).
+        own_path_loss_db: see :func:`orchid_uav.envs.association.find_strongest`.
         sources: not used; see ``SOURCES``.
     """
     for world in range(len(worlds.slot)):
@@ -118,7 +123,7 @@ def inspect_worlds(
             worlds.metrics[world, SUM_RATE], power_w, constants.power_epsilon_w
         )
         metrics[world, 1] = _mean_nearest_uav_m(worlds.positions_m[world])
-        metrics[world, 2] = _count_blocking_pairs(constants, worlds, world)
+        metrics[world, 2] = _count_blocking_pairs(constants, worlds, world, own_path_loss_db)
 
 
 @njit(error_model="numpy")
@@ -158,7 +163,12 @@ def _mean_nearest_uav_m(positions_m: Floats) -> float:
 
 
 @njit(error_model="numpy")
-def _count_blocking_pairs(constants: Constants, worlds: Worlds, world: int) -> int:
+def _count_blocking_pairs(
+    constants: Constants,
+    worlds: Worlds,
+    world: int,
+    own_path_loss_db: Callable[..., float] | None,
+) -> int:
     """User-UAV pairs that would both gain if the user changed over to the UAV.
 
     The user gains in rate with its share in the new cell, the UAV in the throughput of its cell.
@@ -176,11 +186,12 @@ def _count_blocking_pairs(constants: Constants, worlds: Worlds, world: int) -> i
             inverse_sums[uav] += 1.0 / efficiencies[user]
             square_sums[uav] += efficiencies[user] ** 2
             means[uav] += worlds.rates_bps[world, user] / constants.bandwidth_hz
+    may_prune = own_path_loss_db is None and LOSS_ALLOWS_PRUNING
     # A user farther from a UAV than one of its own that is not above its cell's mean is not either.
     reaches_m2 = np.full(uavs, np.inf)
     for user in range(len(association)):
         uav = association[user]
-        if uav >= 0 and efficiencies[user] <= means[uav] and LOSS_ALLOWS_PRUNING:
+        if uav >= 0 and efficiencies[user] <= means[uav] and may_prune:
             distance_m2 = _ground_distance_squared_m2(worlds, world, uav, user)
             reaches_m2[uav] = min(reaches_m2[uav], distance_m2)
     pairs = 0
@@ -203,7 +214,7 @@ def _count_blocking_pairs(constants: Constants, worlds: Worlds, world: int) -> i
                 and efficiency > means[uav]
                 and _ground_distance_squared_m2(worlds, world, uav, user) < reaches_m2[uav]
             ):
-                link = _link_efficiency(constants, worlds, world, uav, user)
+                link = _link_efficiency(constants, worlds, world, uav, user, own_path_loss_db)
                 pairs += link > 0.0 and _both_gain(
                     constants,
                     link,
@@ -243,7 +254,12 @@ def _both_gain(
 
 @njit(error_model="numpy")
 def _link_efficiency(
-    constants: Constants, worlds: Worlds, world: int, uav: int, user: int
+    constants: Constants,
+    worlds: Worlds,
+    world: int,
+    uav: int,
+    user: int,
+    own_path_loss_db: Callable[..., float] | None,
 ) -> float:
     """Spectral efficiency of a link in bit/s/Hz, 0 where it is below the required SNR."""
     altitude_m = worlds.positions_m[world, uav, 2]
@@ -253,6 +269,7 @@ def _link_efficiency(
         altitude_m,
         constants.link,
         constants.access_gain_db,
+        own_path_loss_db,
     )
     snr = signal_to_noise_ratio(power_w, constants.access_noise_power_w)
     return spectral_efficiency(snr) if snr >= constants.required_snr else 0.0

@@ -5,6 +5,8 @@ to what; the equations themselves are those modules' functions. ``step_worlds`` 
 in the order of decision M25: UAVs, transmit powers, users, association, rates, reward.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -60,6 +62,7 @@ def step_worlds(
     worlds: Worlds,
     actions: Floats,
     progress: float,
+    own_path_loss_db: Callable[..., float] | None = None,
     sources: str = SOURCES,
 ) -> None:
     """Move every world on by one slot, in place.
@@ -69,6 +72,7 @@ def step_worlds(
         worlds: B worlds, after :func:`begin_episodes`.
         actions: (B, N, 4), clipped here to [-1, 1].
         progress: training progress tau in [0, 1], which sets the weights.
+        own_path_loss_db: see :func:`orchid_uav.envs.association.find_strongest`.
         sources: not used; see ``SOURCES``.
     """
     scratch = _make_scratch(worlds)
@@ -78,7 +82,7 @@ def step_worlds(
             _move_users(constants, worlds, world)
             _count_users(constants, worlds, world)
         worlds.slot[world] += 1
-        _serve(constants, worlds, world, scratch)
+        _serve(constants, worlds, world, scratch, own_path_loss_db)
         _watch_constraints(constants, worlds, world)
         _score(constants, worlds, world, progress)
         _observe(constants, worlds, world)
@@ -86,7 +90,11 @@ def step_worlds(
 
 @compiled
 def begin_episodes(
-    constants: Constants, worlds: Worlds, chosen: NDArray[np.int64], sources: str = SOURCES
+    constants: Constants,
+    worlds: Worlds,
+    chosen: NDArray[np.int64],
+    own_path_loss_db: Callable[..., float] | None = None,
+    sources: str = SOURCES,
 ) -> None:
     """Serve users and observe at slot 0, after new positions were written into ``chosen`` worlds.
 
@@ -94,6 +102,7 @@ def begin_episodes(
         constants: of the parameters that the worlds were made with.
         worlds: B worlds.
         chosen: indices of the worlds that begin, int64.
+        own_path_loss_db: see :func:`orchid_uav.envs.association.find_strongest`.
         sources: not used; see ``SOURCES``.
     """
     scratch = _make_scratch(worlds)
@@ -103,7 +112,7 @@ def begin_episodes(
         worlds.velocities_mps[world] = 0.0
         worlds.left_flight_box[world] = False
         _count_users(constants, worlds, world)
-        _serve(constants, worlds, world, scratch)
+        _serve(constants, worlds, world, scratch, own_path_loss_db)
         _watch_constraints(constants, worlds, world)
         worlds.violation_slots[world] = 0
         _score(constants, worlds, world, 0.0)
@@ -192,7 +201,13 @@ def _count_users(constants: Constants, worlds: Worlds, world: int) -> None:
 
 
 @njit(error_model="numpy")
-def _serve(constants: Constants, worlds: Worlds, world: int, scratch: Scratch) -> None:
+def _serve(
+    constants: Constants,
+    worlds: Worlds,
+    world: int,
+    scratch: Scratch,
+    own_path_loss_db: Callable[..., float] | None,
+) -> None:
     """Association by strongest received power, loads, shares, rates (Section III-D; M11, M12)."""
     distance_squared_m2, strongest, strongest_power_w = scratch
     association, efficiencies = worlds.association[world], worlds.spectral_efficiency[world]
@@ -215,6 +230,7 @@ def _serve(constants: Constants, worlds: Worlds, world: int, scratch: Scratch) -
         constants.best_case_gain_m2,
         strongest,
         strongest_power_w,
+        own_path_loss_db,
     )
     for user in range(len(association)):
         if not worlds.target_users[world, user]:

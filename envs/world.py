@@ -1,15 +1,17 @@
 """B independent worlds, stepped together."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from orchid_uav.envs import channel
 from orchid_uav.envs.arrays import ACTION_SIZE, Constants, Worlds, state_size
+from orchid_uav.envs.compilation import specialised
 from orchid_uav.envs.deployment import deploy
 from orchid_uav.envs.dynamics import begin_episodes, step_worlds
+from orchid_uav.envs.extensions import Extensions, checked, own_path_loss
 from orchid_uav.envs.metrics import EPISODE_METRICS, SLOT_METRICS, SUMMED_OVER_SLOTS
 from orchid_uav.envs.parameters import Parameters
 from orchid_uav.envs.seeds import world_seeds
@@ -77,9 +79,10 @@ class WorldBatch:
             worlds' own seeds. Without, the worlds are seeded from the operating system.
         user_positions_m: the caller's own users, (M, 2) in m: every episode begins with them, and
             their number replaces ``network.user_count``.
+        own: the caller's own parts, see :class:`Extensions`.
 
     Raises:
-        ValueError: seeds or user positions that do not fit.
+        ValueError: seeds, user positions or parts that do not fit.
     """
 
     def __init__(
@@ -88,6 +91,7 @@ class WorldBatch:
         worlds: int = 1,
         seed: int | Sequence[int] | None = None,
         user_positions_m: ArrayLike | None = None,
+        **own: Unpack[Extensions],
     ) -> None:
         parameters = parameters or Parameters()
         if worlds < 1:
@@ -98,6 +102,16 @@ class WorldBatch:
             parameters = parameters.with_overrides({"network.user_count": len(self._given_users_m)})
         self.parameters = parameters
         self.constants = Constants.of(parameters)
+        self.air_to_ground_path_loss_db = own.get("air_to_ground_path_loss_db")
+        self._own_path_loss = None
+        if self.air_to_ground_path_loss_db is not None:
+            self._own_path_loss = own_path_loss(self.air_to_ground_path_loss_db, self.constants)
+            self.constants = self.constants._replace(link=self._own_path_loss.link)
+        self._begin_episodes = self.specialised(begin_episodes)
+        self._step_worlds = self.specialised(step_worlds)
+        self._observe, self._extra_reward = own.get("observe"), own.get("extra_reward")
+        self.own_observation_size: int | None = None
+        """Numbers in an observation of the caller's own."""
         self.world_count = worlds
         self.uav_count = parameters.network.uav_count
         self.user_count = parameters.network.user_count
@@ -108,6 +122,16 @@ class WorldBatch:
         self._shadowing_db = np.zeros((worlds, self.user_count))
         self.generators = [np.random.default_rng(0)] * worlds
         self.seed(seed)
+        if self._observe is not None:
+            trial = WorldBatch(
+                parameters,
+                seed=0,
+                user_positions_m=self._given_users_m,
+                air_to_ground_path_loss_db=self.air_to_ground_path_loss_db,
+            )
+            trial.reset()
+            seen = checked("observe", self._observe(trial), (1, self.uav_count, -1), np.float32)
+            self.own_observation_size = seen.shape[-1]
 
     def seed(self, seed: int | Sequence[int] | None, worlds: ArrayLike | None = None) -> None:
         """Give the given worlds, or all, new generators; takes effect at the next reset.
@@ -161,7 +185,7 @@ class WorldBatch:
         arrays.transmit_powers_w[chosen] = uav.start_power_w
         arrays.walk_key[chosen] = topologies.walk_keys
         self._shadowing_db[chosen] = topologies.shadowing_db
-        begin_episodes(self.constants, arrays, chosen)
+        self._begin_episodes(self.constants, arrays, chosen)
 
     def place(
         self,
@@ -197,7 +221,7 @@ class WorldBatch:
         self.arrays.transmit_powers_w[:] = powers_w
         self.arrays.target_users[:] = targets
         self.arrays.positions_m[:] = positions
-        begin_episodes(self.constants, self.arrays, np.arange(self.world_count))
+        self._begin_episodes(self.constants, self.arrays, np.arange(self.world_count))
 
     def _draw_topology(self, drawn: Topologies, row: int, generator: np.random.Generator) -> None:
         parameters = self.parameters
@@ -231,7 +255,25 @@ class WorldBatch:
             raise ValueError("an action is not a finite number")
         if self.finished.any():
             raise RuntimeError("an episode is over or has not begun: call reset() first")
-        step_worlds(self.constants, self.arrays, wanted, self.progress)
+        self._step_worlds(self.constants, self.arrays, wanted, self.progress)
+        if self._extra_reward is not None:
+            shape = self.arrays.rewards.shape
+            extra = checked("extra_reward", self._extra_reward(self), shape, np.float64)
+            self.arrays.rewards[:] += extra
+            self.arrays.episode_sums[:, 0] += extra.mean(axis=1)
+
+    def observations(self) -> NDArray[np.float32]:
+        """What every UAV sees now, (B, N, O): of the caller's own, else the built-in 16 numbers."""
+        if self._observe is None or self.own_observation_size is None:
+            return self.arrays.observations
+        shape = (self.world_count, self.uav_count, self.own_observation_size)
+        return checked("observe", self._observe(self), shape, np.float32)
+
+    def specialised(self, compiled: Callable[..., None]) -> Callable[..., None]:
+        """A compiled function of these worlds' air-to-ground channel; itself for the built-in."""
+        if self._own_path_loss is None:
+            return compiled
+        return specialised(compiled, self._own_path_loss.compiled, self._own_path_loss.digest)
 
     def step_except(self, resting: NDArray[np.bool_], actions: ArrayLike) -> None:
         """As :meth:`step`, but some worlds (B,) stay as they are, whatever their actions."""

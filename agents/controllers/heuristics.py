@@ -141,7 +141,12 @@ def candidate_starts(
 def _most_balanced(
     world: WorldBatch, index: int, starts_m: Floats, targets: NDArray[np.bool_]
 ) -> int:
-    trial = WorldBatch(world.parameters, worlds=len(starts_m), seed=0)
+    trial = WorldBatch(
+        world.parameters,
+        worlds=len(starts_m),
+        seed=0,
+        air_to_ground_path_loss_db=world.air_to_ground_path_loss_db,
+    )
     alike = repeat_topology(world, index, len(starts_m))
     trial.use_topology(alike._replace(start_m=starts_m, target_users=targets))
     metrics = trial.arrays.metrics

@@ -149,7 +149,12 @@ class _Judge:
         )
         self._low, self._high = np.array(low), np.array(high)
         self._range = self._high - self._low
-        self._trial = WorldBatch(parameters, worlds=_POPULATION * _CIRCLE_POINTS, seed=0)
+        self._trial = WorldBatch(
+            parameters,
+            worlds=_POPULATION * _CIRCLE_POINTS,
+            seed=0,
+            air_to_ground_path_loss_db=world.air_to_ground_path_loss_db,
+        )
         angles = 2.0 * np.pi * np.arange(_CIRCLE_POINTS) / _CIRCLE_POINTS
         self._circle_m = np.zeros((_CIRCLE_POINTS, 3))
         self._circle_m[:, 0] = margin_m * np.cos(angles)

@@ -29,7 +29,7 @@ class FleetEnv(gymnasium.Env[Rows, Rows]):
     def __init__(self, *, render_mode: None = None, **keywords: Any) -> None:
         self.render_mode = render_mode
         self.world = WorldBatch(**fleet_parameters(**keywords))
-        one = observation_space(self.world.parameters)
+        one = observation_space(self.world.parameters, self.world.own_observation_size)
         self.observation_space = batch_space(one, self.world.uav_count)
         self.action_space = batch_space(action_space(), self.world.uav_count)
 
@@ -41,7 +41,7 @@ class FleetEnv(gymnasium.Env[Rows, Rows]):
         if seed is not None:
             self.world.seed(seed)
         self.world.reset()
-        return self.world.arrays.observations[0].copy(), {}
+        return self.world.observations()[0].copy(), {}
 
     def step(self, action: ArrayLike) -> tuple[Rows, float, bool, bool, dict[str, Any]]:
         """Fly one slot."""
@@ -51,7 +51,7 @@ class FleetEnv(gymnasium.Env[Rows, Rows]):
         if truncated:
             info["episode_metrics"] = self.world.episode_metrics(0)
         reward = float(self.world.arrays.rewards[0].mean())
-        return self.world.arrays.observations[0].copy(), reward, False, truncated, info
+        return self.world.observations()[0].copy(), reward, False, truncated, info
 
     def state(self) -> Rows:
         """Global state for a centralised critic."""
@@ -104,7 +104,7 @@ class FleetVectorEnv(VectorEnv[Rows, Rows, NDArray[Any]]):
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}  # type: ignore[misc]
         self.render_mode = render_mode
         self.world = WorldBatch(**fleet_parameters(**keywords), worlds=num_envs)
-        one = observation_space(self.world.parameters)
+        one = observation_space(self.world.parameters, self.world.own_observation_size)
         self.single_observation_space = batch_space(one, self.world.uav_count)
         self.single_action_space = batch_space(action_space(), self.world.uav_count)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
@@ -127,7 +127,7 @@ class FleetVectorEnv(VectorEnv[Rows, Rows, NDArray[Any]]):
         if seed is not None:
             self.world.seed(seed, chosen)
         self.world.reset(chosen)
-        return self.world.arrays.observations.copy(), {}
+        return self.world.observations().copy(), {}
 
     def step(
         self, actions: ArrayLike
@@ -149,7 +149,7 @@ class FleetVectorEnv(VectorEnv[Rows, Rows, NDArray[Any]]):
                 info |= self._last_views(truncated, info)
                 self.world.reset(np.flatnonzero(truncated))
         terminated = np.zeros(self.num_envs, dtype=np.bool_)
-        return self.world.arrays.observations.copy(), rewards, terminated, truncated, info
+        return self.world.observations().copy(), rewards, terminated, truncated, info
 
     def _ends(self, truncated: NDArray[np.bool_]) -> dict[str, Any]:
         episodes = [self.world.episode_metrics(world) for world in range(self.num_envs)]
@@ -160,8 +160,9 @@ class FleetVectorEnv(VectorEnv[Rows, Rows, NDArray[Any]]):
 
     def _last_views(self, truncated: NDArray[np.bool_], info: dict[str, Any]) -> dict[str, Any]:
         final_observations = np.empty(self.num_envs, dtype=object)
+        observations = self.world.observations()
         for world in np.flatnonzero(truncated):
-            final_observations[world] = self.world.arrays.observations[world].copy()
+            final_observations[world] = observations[world].copy()
         final_info = info | {"_metrics": truncated}
         return {
             **{"final_obs": final_observations, "_final_obs": truncated},

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from orchid_uav.envs.interfaces.pettingzoo_env import FleetParallelEnv
 from orchid_uav.envs.parameters import Distribution, Objective, Observation, Parameters, Start
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from stable_baselines3.common.vec_env import VecEnv
 
     from orchid_uav.envs.interfaces.sb3_vec_env import FleetVecEnv
+    from orchid_uav.envs.world import WorldBatch
 
 
 def fleet_parameters(
@@ -26,6 +27,9 @@ def fleet_parameters(
     observation: Observation | None = None,
     init: Start | None = None,
     parameters: Parameters | None = None,
+    air_to_ground_path_loss_db: Callable[..., Any] | None = None,
+    observe: Callable[["WorldBatch"], NDArray[Any]] | None = None,
+    extra_reward: Callable[["WorldBatch"], NDArray[Any]] | None = None,
     **overrides: Any,
 ) -> dict[str, Any]:
     """The keywords of every environment, as arguments of :class:`WorldBatch`.
@@ -39,6 +43,9 @@ def fleet_parameters(
         observation: ``uav.observation``.
         init: ``deployment.init``.
         parameters: what the other keywords are applied to; Table I by default.
+        air_to_ground_path_loss_db: the caller's own channel, see :class:`Extensions`.
+        observe: the caller's own observations.
+        extra_reward: the caller's own term of the reward.
         overrides: any other parameter by its name, ``heading_hold_s=20.0``, or with its section,
             ``**{"network.heading_hold_s": 20.0}``.
 
@@ -63,6 +70,9 @@ def fleet_parameters(
     return {
         "parameters": (parameters or Parameters()).with_overrides({**chosen, **overrides}),
         "user_positions_m": positions,
+        "air_to_ground_path_loss_db": air_to_ground_path_loss_db,
+        "observe": observe,
+        "extra_reward": extra_reward,
     }
 
 

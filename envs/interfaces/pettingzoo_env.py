@@ -1,12 +1,13 @@
 """The fleet as a PettingZoo parallel environment: one agent per UAV."""
 
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Unpack
 
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 from pettingzoo import ParallelEnv
 
+from orchid_uav.envs.extensions import Extensions
 from orchid_uav.envs.interfaces.spaces import action_space, observation_space, state_space
 from orchid_uav.envs.parameters import Parameters
 from orchid_uav.envs.world import WorldBatch
@@ -25,6 +26,7 @@ class FleetParallelEnv(ParallelEnv[str, Observation, Observation]):
     Args:
         parameters: the network; Table I by default.
         user_positions_m: the caller's own users, (M, 2) in m.
+        own: the caller's own parts, see :class:`Extensions`.
     """
 
     metadata: ClassVar[dict[str, Any]] = {
@@ -34,9 +36,12 @@ class FleetParallelEnv(ParallelEnv[str, Observation, Observation]):
     }
 
     def __init__(
-        self, parameters: Parameters | None = None, user_positions_m: ArrayLike | None = None
+        self,
+        parameters: Parameters | None = None,
+        user_positions_m: ArrayLike | None = None,
+        **own: Unpack[Extensions],
     ) -> None:
-        self.world = WorldBatch(parameters, worlds=1, user_positions_m=user_positions_m)
+        self.world = WorldBatch(parameters, worlds=1, user_positions_m=user_positions_m, **own)
         self.parameters = self.world.parameters
         self.render_mode = None
         self.possible_agents = [f"uav_{index}" for index in range(self.world.uav_count)]
@@ -44,7 +49,8 @@ class FleetParallelEnv(ParallelEnv[str, Observation, Observation]):
         self.state_space = state_space(self.parameters)
         # The API asks for the very same space object at every call.
         self.observation_spaces = {
-            agent: observation_space(self.parameters) for agent in self.possible_agents
+            agent: observation_space(self.parameters, self.world.own_observation_size)
+            for agent in self.possible_agents
         }
         self.action_spaces = {agent: action_space() for agent in self.possible_agents}
 
@@ -109,5 +115,5 @@ class FleetParallelEnv(ParallelEnv[str, Observation, Observation]):
         self.world.set_progress(progress)
 
     def _observations(self) -> dict[str, Observation]:
-        rows = self.world.arrays.observations[0].copy()
+        rows = self.world.observations()[0].copy()
         return dict(zip(self.possible_agents, rows, strict=True))

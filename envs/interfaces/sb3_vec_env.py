@@ -1,13 +1,14 @@
 """The batched worlds as an SB3 vector environment: one row per UAV."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
 
+from orchid_uav.envs.extensions import Extensions
 from orchid_uav.envs.interfaces.spaces import (
     action_space,
     centralized_space,
@@ -33,6 +34,7 @@ class FleetVecEnv(VecEnv):
         worlds: number B of worlds.
         seed: of all worlds.
         user_positions_m: the caller's own users, (M, 2) in m.
+        own: the caller's own parts, see :class:`Extensions`.
     """
 
     def __init__(
@@ -41,15 +43,19 @@ class FleetVecEnv(VecEnv):
         worlds: int = 1,
         seed: int | None = 0,
         user_positions_m: ArrayLike | None = None,
+        **own: Unpack[Extensions],
     ) -> None:
-        self.world = WorldBatch(parameters, worlds, seed, user_positions_m)
+        self.world = WorldBatch(parameters, worlds, seed, user_positions_m, **own)
         self.parameters = self.world.parameters
         self.agents_per_world = self.world.uav_count
         self.render_mode = None
         self._actions = np.zeros((worlds, self.agents_per_world, 4))
         super().__init__(
             worlds * self.agents_per_world,
-            centralized_space(observation_space(self.parameters), state_space(self.parameters)),
+            centralized_space(
+                observation_space(self.parameters, self.world.own_observation_size),
+                state_space(self.parameters),
+            ),
             action_space(),
         )
 
@@ -80,11 +86,12 @@ class FleetVecEnv(VecEnv):
         return self.rows(), rewards, dones, infos
 
     def _describe_ends(self, finished: NDArray[np.int64], infos: list[dict[str, Any]]) -> None:
+        observations = self.world.observations()
         for world in finished:
             state = self.world.arrays.states[world].copy()
             metrics = self.world.episode_metrics(int(world))
             for uav in range(self.agents_per_world):
-                observation = self.world.arrays.observations[world, uav].copy()
+                observation = observations[world, uav].copy()
                 infos[world * self.agents_per_world + uav] |= {
                     "TimeLimit.truncated": True,
                     "terminal_observation": {"observation": observation, "state": state},
@@ -93,11 +100,10 @@ class FleetVecEnv(VecEnv):
 
     def rows(self) -> Rows:
         """The latest observations, as ``reset`` or ``step`` gave them."""
-        arrays = self.world.arrays
-        observations = arrays.observations.reshape(self.num_envs, -1).copy()
+        observations = self.world.observations().reshape(self.num_envs, -1).copy()
         return {
             "observation": observations,
-            "state": np.repeat(arrays.states, self.agents_per_world, axis=0),
+            "state": np.repeat(self.world.arrays.states, self.agents_per_world, axis=0),
         }
 
     def set_progress(self, progress: float) -> None:

@@ -15,13 +15,15 @@ from orchid_uav.envs.units import linear_to_decibel
 _ROUNDING = 1e-6
 
 
-def observation_space(parameters: Parameters) -> spaces.Box:
+def observation_space(parameters: Parameters, own_size: int | None = None) -> spaces.Box:
     """Local observation (16,), float32; see ``OBSERVATION_NAMES``.
 
     Everything lies in [0, 1] but the nearest user's distance, at most the diagonal, and the
     backhaul's margin, whose bounds are those at the nearest and the farthest point of the flight
-    box.
+    box. With ``own_size``, that many numbers of the caller's own, of which no bounds are known.
     """
+    if own_size is not None:
+        return spaces.Box(-np.inf, np.inf, (own_size,), np.float32)
     low = np.zeros(OBSERVATION_SIZE, np.float32)
     high = np.ones(OBSERVATION_SIZE, np.float32)
     high[4] = math.sqrt(2.0) + _ROUNDING

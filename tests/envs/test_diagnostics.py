@@ -1,6 +1,7 @@
 """Figures that evaluation wants, against plain loops and SciPy."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,8 +22,10 @@ RULES = ("mmf", "pf", "se")
 GAIN = 1.0 + 1e-9  # less is rounding
 
 
-def begun(overrides: dict, worlds: int = 1, seed: int = 0) -> tuple[WorldBatch, Diagnostics]:
-    world = WorldBatch(Parameters().with_overrides(overrides), worlds, seed)
+def begun(
+    overrides: dict, worlds: int = 1, seed: int = 0, **own: Any
+) -> tuple[WorldBatch, Diagnostics]:
+    world = WorldBatch(Parameters().with_overrides(overrides), worlds, seed, **own)
     world.set_progress(1.0)
     world.reset()
     diagnostics = Diagnostics(world)
