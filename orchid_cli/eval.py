@@ -84,6 +84,16 @@ def evaluate(
             autocompletion=completion.methods,
         ),
     ] = None,
+    own_methods: Annotated[
+        list[str] | None,
+        _option(
+            _METHODS,
+            "A method of your own, run from this file; may be repeated.",
+            "--method",
+            metavar="FILE.py:CLASS",
+            show_default=False,
+        ),
+    ] = None,
     stochastic: Annotated[
         bool,
         _option(_METHODS, "Fly learned policies with sampled actions as well.", show_default=False),
@@ -147,6 +157,7 @@ def evaluate(
             run_evaluation,
         )
         from orchid_uav.experiments.evaluation.methods import select
+        from orchid_uav.experiments.evaluation.own_methods import read_own_methods
         from orchid_uav.experiments.figures.contact_sheet import SHEET_FILE
         from orchid_uav.experiments.runs.records import expanded, find_run
 
@@ -158,6 +169,8 @@ def evaluate(
         contenders = select(
             [name.strip() for name in names], paths, stochastic, planner_evaluations
         )
+        keys = [contender.key for contender in contenders]
+        contenders += read_own_methods(own_methods or [], keys)
         plan = _plan(contenders, settings, episodes, seed, world)
         description = describe_plan(plan, planner_evaluations)
         flown = (

@@ -67,6 +67,7 @@ def describe_plan(plan: Plan, planner_evaluations: int) -> dict[str, Any]:
                 else None,
                 "deterministic": contender.deterministic,
                 "overrides": dict(contender.overrides),
+                **({"file": contender.own_file._asdict()} if contender.own_file else {}),
             }
             for contender in plan.contenders
         ],

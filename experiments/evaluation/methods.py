@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from orchid_uav.agents.controllers.controller import Controller
 from orchid_uav.agents.controllers.heuristics import BalancedLoiter, Hover, Loiter, Track
@@ -33,15 +33,30 @@ METHOD_KEYS = (
     "uav.observation",
 )
 """What belongs to a method rather than to the world that it flies in."""
-_MMF, _PF = (
-    {
+
+
+def method_overrides(objective: str, init: str = "kmeans") -> dict[str, Any]:
+    """What a method without a run's configuration overrides, a value for each ``METHOD_KEYS``."""
+    return {
         "reward.objective": objective,
         "network.shares": None,
-        "deployment.init": "kmeans",
+        "deployment.init": init,
         "uav.observation": "paper",
     }
-    for objective in ("mmf", "pf")
-)
+
+
+_MMF, _PF = method_overrides("mmf"), method_overrides("pf")
+
+
+class OwnFile(NamedTuple):
+    """Where a method comes from that is not one of this package."""
+
+    name: str
+    """The file's, without its folders."""
+    attribute: str
+    """The class's."""
+    sha256: str
+    """Of the file."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +82,7 @@ class Contender:
     make: Callable[[Sequence[int]], Controller]
     """The method, for worlds of the given seeds."""
     policy: Policy | None = None
+    own_file: OwnFile | None = None
     deterministic: bool = True
     is_comparable: bool = True
     """False if it serves other users than the others do."""
