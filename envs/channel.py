@@ -3,8 +3,8 @@
 Every function takes scalars or arrays that broadcast against each other, in Python as well as in
 the compiled step of :mod:`orchid_uav.envs.dynamics`, which calls these same functions.
 
-To try another channel, change :func:`air_to_ground_path_loss_db` here. If the new loss is not as
-:data:`LOSS_ALLOWS_PRUNING` says, set that to False: association then looks at every link.
+To try another channel, hand a function to :class:`orchid_uav.envs.WorldBatch`; association then
+looks at every link (``docs/extending.md``).
 """
 
 import numpy as np

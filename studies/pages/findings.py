@@ -2,6 +2,7 @@
 
 import textwrap
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 from orchid_uav.experiments.ablation.design import BASE
@@ -143,4 +144,10 @@ FINDING_BLOCKS = {
         ROOT / "docs" / "quickstart.md",
         lambda: example_block("read_evaluation.py"),
     ),
+    **{
+        name: (ROOT / "docs" / "extending.md", partial(example_block, name))
+        for name in (
+            f"extending/{path.name}" for path in sorted((ROOT / "examples/extending").glob("*.py"))
+        )
+    },
 }

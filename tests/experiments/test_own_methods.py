@@ -175,10 +175,11 @@ class TestErrors:
         assert "Traceback" in finished.err and "objective = 1 / 0" in finished.err
 
     @pytest.mark.parametrize("name", ["Planner", "OrchidZero", "orchid"])
-    def test_keys_of_others_are_taken(self, tmp_path, name):
+    def test_keys_of_others_are_taken(self, tmp_path, monkeypatch, name):
+        monkeypatch.chdir(tmp_path)
         (tmp_path / "rule.py").write_text(RULE.replace("StandStill", name))
         with pytest.raises(InputError, match="give the class another name"):
-            read_own_methods([f"{tmp_path / 'rule.py'}:{name}"])
+            read_own_methods([f"rule.py:{name}"])
 
     def test_a_key_is_given_once(self, tmp_path, monkeypatch):
         monkeypatch.chdir(tmp_path)
