@@ -17,7 +17,9 @@ import numpy as np
 
 from orchid_uav.agents.controllers.controller import Actions, Controller
 from orchid_uav.envs.arrays import ACTION_SIZE
+from orchid_uav.envs.keys import choices_of
 from orchid_uav.envs.world import WorldBatch
+from orchid_uav.experiments.configuration import field_of
 from orchid_uav.experiments.errors import InputError, RunFailedError
 from orchid_uav.experiments.evaluation.method_keys import known_methods
 from orchid_uav.experiments.evaluation.methods import Contender, OwnFile, method_overrides
@@ -72,8 +74,8 @@ def _own_method(specification: str) -> Contender:
         if not callable(getattr(method, needed, None)):
             raise InputError(f"{told}: '{name}' has no {needed}(world), which a method needs")
     for attribute, value, right in (
-        ("objective", objective, ("mmf", "pf")),
-        ("deployment_init", init, ("kmeans", "random")),
+        ("objective", objective, choices_of(field_of("reward.objective"))),
+        ("deployment_init", init, choices_of(field_of("deployment.init"))),
     ):
         if value not in right:
             raise InputError(f"{told}: {attribute} is {value!r}, not {' or '.join(right)}")

@@ -65,7 +65,7 @@ class TestChannel:
                 math.dist(uav_m[:2], user_m), uav_m[2]
             ),
         )
-        overrides = {"reward.shares": rule, "deployment.init": "random", "user_count": 40}
+        overrides = {"network.shares": rule, "deployment.init": "random", "user_count": 40}
         world, diagnostics = begun(
             overrides, worlds=4, seed=2, air_to_ground_path_loss_db=rippled_path_loss_db
         )

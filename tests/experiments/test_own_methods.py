@@ -74,7 +74,7 @@ class TestFlights:
         assert own.idea == "stay"
         assert dict(own.overrides) == {
             "reward.objective": "mmf",
-            "reward.shares": None,
+            "network.shares": None,
             "deployment.init": "random",
             "uav.observation": "paper",
         }
