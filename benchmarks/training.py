@@ -112,7 +112,7 @@ class BareUpdates:
     def __init__(self) -> None:
         config = configuration(episodes=1, seed=0)
         loop.set_up_torch(config.training.threads)
-        env = FleetVecEnv(config.network_parameters, seed=0)
+        env = FleetVecEnv(config.network_parameters, seed=None)
         model = loop.build_model(config, env)
         model.set_logger(Logger(folder=None, output_formats=[]))
         self._policy = model.policy

@@ -11,10 +11,9 @@ from sklearn.exceptions import ConvergenceWarning
 from threadpoolctl import ThreadpoolController
 
 from orchid_uav.envs.parameters import Parameters
+from orchid_uav.envs.seeds import SENSING_STREAM, START_STREAM
 
 _RANDOM_START_TRIES = 10_000
-_SENSING_STREAM, _START_STREAM = 1, 2
-"""Which of a topology's further streams of random numbers is meant."""
 
 
 class Deployment(NamedTuple):
@@ -170,7 +169,7 @@ def deploy(
     seed = int(generator.integers(2**31))
     sensed_m = users_m
     if network.sensing_error_std_m > 0.0:
-        error_m = np.random.default_rng([seed, _SENSING_STREAM]).normal(
+        error_m = np.random.default_rng([seed, SENSING_STREAM]).normal(
             0.0, network.sensing_error_std_m, users_m.shape
         )
         sensed_m = np.clip(users_m + error_m, 0.0, network.area_m)
@@ -186,7 +185,7 @@ def deploy(
             network.uav_count,
             network.area_m,
             parameters.uav.min_separation_m,
-            np.random.default_rng([seed, _START_STREAM]),
+            np.random.default_rng([seed, START_STREAM]),
         )
         deployment = deployment._replace(uav_positions_m=start_m)
     return deployment

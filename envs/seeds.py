@@ -1,9 +1,24 @@
-"""The seeds of worlds, and the streams of random numbers that they begin."""
+"""Seeds, and what keeps the streams of random numbers that come from one seed apart.
+
+The table "Random numbers" in docs/environment.md says for every generator of this project who draws
+from it, what its key is, and what its numbers must not depend on.
+"""
 
 import numpy as np
 
-_EVALUATION_STREAM = 2**31
-"""First spawn key of held-out topologies; worlds of training count from 0."""
+EVALUATION_STREAM = 2**31
+"""Spawn key that leads from the seed of an evaluation to its topologies. The worlds of a training
+run have the spawn keys 0, 1, 2 …, so that they never meet these."""
+NOISE_STREAM = 2**31
+"""Spawn key that leads from the seed of a topology to the exploration noise flown on it."""
+SENSING_STREAM, START_STREAM = 1, 2
+"""Second number of the keys of Phase I's sensing error (M29) and of its random start (M28); the
+first number is what Phase I takes from the world's generator."""
+RANDOM_RESETS_STREAM = 1
+"""Second number of the key from which the episodes of random resets are drawn; the first number is
+the seed of the training run."""
+RESAMPLING_SEED = 0
+"""Seed of all bootstraps and permutation tests, so that equal data give equal intervals."""
 
 
 def world_seeds(seed: int, worlds: int) -> list[int]:
@@ -22,7 +37,7 @@ def evaluation_seeds(seed: int, count: int) -> list[int]:
 
     The first ones do not depend on ``count``.
     """
-    stream = np.random.SeedSequence(seed, spawn_key=(_EVALUATION_STREAM,))
+    stream = np.random.SeedSequence(seed, spawn_key=(EVALUATION_STREAM,))
     return [_hashed(child) for child in stream.spawn(count)]
 
 

@@ -217,7 +217,7 @@ MUTANTS = [
     Mutant(
         "topologies that depend on the kind of start",
         "envs/deployment.py",
-        "np.random.default_rng([seed, _START_STREAM])",
+        "np.random.default_rng([seed, START_STREAM])",
         "generator",
         "experiments/test_evaluation.py",
     ),

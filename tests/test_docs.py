@@ -121,6 +121,20 @@ def test_the_first_example_of_a_page_runs(page):
     exec(compile(block.group(1), page, "exec"), {})
 
 
+def test_every_generator_of_random_numbers_is_in_the_table():
+    text = (ROOT / "docs" / "environment.md").read_text(encoding="utf-8")
+    table = text.partition("### Random numbers")[2].partition("\n## ")[0]
+    named = set(re.findall(r"`([^`]+)`", table))
+    makers = ("default_rng(", "SeedSequence(", "counter_uniform(key: ")
+    for room in ("src", "envs", "agents", "callbacks", "experiments", "orchid_cli"):
+        for path in sorted((ROOT / room).rglob("*.py")):
+            source, own = path.read_text(encoding="utf-8"), path.relative_to(ROOT).as_posix()
+            if any(maker in source for maker in makers) and own != "envs/seeds.py":
+                assert own in named or f"{Path(own).parent}/" in named, own
+    streams = re.findall(r"\b([A-Z_]+_(?:STREAM|SEED))\b", (ROOT / "envs" / "seeds.py").read_text())
+    assert set(streams) - {"EVALUATION_STREAM"} <= named  # that one is used in its own file
+
+
 class TestModel:
     def test_formulas_are_the_same_on_the_site_and_on_github(self):
         """Markdown of GitHub changes some characters before it looks for formulas."""

@@ -7,10 +7,8 @@ from numpy.typing import NDArray
 
 from orchid_uav.agents.controllers.controller import Actions, no_actions
 from orchid_uav.agents.deployed_actor import LocalActor
+from orchid_uav.envs.seeds import NOISE_STREAM
 from orchid_uav.envs.world import WorldBatch
-
-_NOISE_STREAM = 2**31
-"""Spawn key of exploration noise, apart from everything else that a topology's seed is used for."""
 
 
 class Learned:
@@ -71,7 +69,7 @@ class ExplorationNoise:
     def draw(self, world: WorldBatch) -> None:
         """Draw for whole episodes of all worlds."""
         shape = (world.parameters.network.episode_slots, world.uav_count, len(self._std))
-        streams = [np.random.SeedSequence(seed, spawn_key=(_NOISE_STREAM,)) for seed in self._seeds]
+        streams = [np.random.SeedSequence(seed, spawn_key=(NOISE_STREAM,)) for seed in self._seeds]
         drawn = [np.random.default_rng(stream).standard_normal(shape) for stream in streams]
         self._noise = self._std * np.stack(drawn, axis=1)
 

@@ -21,8 +21,8 @@ def seconds_per_episode(config: RunConfig) -> float:
     set_up_torch(config.training.threads)
     worlds = config.training.worlds
     try:
-        env = FleetVecEnv(config.network_parameters, worlds, config.training.seed)
-        model = build_model(config, env)
+        env = FleetVecEnv(config.network_parameters, worlds, seed=None)
+        model = build_model(config, env)  # SB3 seeds the worlds here
         model.set_logger(Logger(folder=None, output_formats=[]))
         rows = worlds * config.network.episode_slots * env.agents_per_world
         model.learn(rows, log_interval=None)  # type: ignore[arg-type]  # nothing is logged

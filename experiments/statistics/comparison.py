@@ -13,6 +13,7 @@ import numpy as np
 from scipy.special import nctdtrinc
 from scipy.stats import permutation_test, rankdata, t, trim_mean
 
+from orchid_uav.envs.seeds import RESAMPLING_SEED
 from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.statistics.intervals import Floats, interval
 
@@ -184,7 +185,7 @@ def sign_flip_p_value(differences: Floats) -> float | None:
         vectorized=True,
         n_resamples=FLIPS,
         axis=-1,
-        rng=np.random.default_rng(0),
+        rng=np.random.default_rng(RESAMPLING_SEED),
     )
     return float(found.pvalue)
 

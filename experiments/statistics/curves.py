@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from orchid_uav.envs.metrics import EPISODE_METRICS
+from orchid_uav.envs.seeds import RESAMPLING_SEED
 from orchid_uav.experiments.metrics import METRICS
 
 Row = Mapping[str, float]
@@ -123,7 +124,7 @@ def _bootstrap_interval(table: Floats) -> tuple[Floats, Floats]:
     from orchid_uav.experiments.statistics.comparison import interquartile_mean
 
     count = len(table)
-    drawn = np.random.default_rng(0).integers(0, count, (RESAMPLES, count))
+    drawn = np.random.default_rng(RESAMPLING_SEED).integers(0, count, (RESAMPLES, count))
     tail = 100.0 * (1.0 - CONFIDENCE) / 2.0
     parts = [
         np.percentile(interquartile_mean(part[drawn], axis=1), [tail, 100.0 - tail], axis=0)

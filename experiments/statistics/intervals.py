@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import DegenerateDataWarning, bootstrap
 
+from orchid_uav.envs.seeds import RESAMPLING_SEED
+
 Floats = NDArray[np.float64]
 
 RESAMPLES = 2000
@@ -59,7 +61,7 @@ def interval(samples: tuple[Floats, ...], statistic: Callable[..., Any]) -> list
             vectorized=True,
             confidence_level=CONFIDENCE,
             method="BCa",
-            rng=np.random.default_rng(0),
+            rng=np.random.default_rng(RESAMPLING_SEED),
         )
     if _is_constant(result.bootstrap_distribution):
         return [observed, observed]

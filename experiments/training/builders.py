@@ -7,14 +7,12 @@ from orchid_uav.agents.maddpg.maddpg import MADDPG
 from orchid_uav.agents.mappo.mappo import MAPPO
 from orchid_uav.callbacks import ResetAndFinetune
 from orchid_uav.envs.interfaces.sb3_vec_env import FleetVecEnv
+from orchid_uav.envs.seeds import RANDOM_RESETS_STREAM
 from orchid_uav.experiments.configuration import RunConfig
-
-_RANDOM_RESETS = 1
-"""Tells the generator of reset episodes from all others of a seed."""
 
 
 def build_model(config: RunConfig, env: FleetVecEnv) -> MAPPO | MADDPG:
-    """The learner of a configuration."""
+    """The learner of a configuration; making it seeds the worlds of ``env``, as SB3 does it."""
     return _build_maddpg(config, env) if is_maddpg(config) else _build_mappo(config, env)
 
 
@@ -96,7 +94,7 @@ def _random_episodes(config: RunConfig) -> list[int]:
     """
     distance, last = 2 * config.reset.window, schedule_episodes(config) - 1
     count = min(config.reset.max_resets, last // distance)
-    generator = np.random.default_rng([config.training.seed, _RANDOM_RESETS])
+    generator = np.random.default_rng([config.training.seed, RANDOM_RESETS_STREAM])
     # Drawn where only numbers of their own are needed, and then moved apart.
     choices = np.arange(distance, last + 1 - (count - 1) * (distance - 1))
     drawn = np.sort(generator.choice(choices, count, replace=False))

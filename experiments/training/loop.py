@@ -23,6 +23,7 @@ from orchid_uav.callbacks import (
 )
 from orchid_uav.envs.arrays import ACTION_SIZE
 from orchid_uav.envs.interfaces.sb3_vec_env import FleetVecEnv
+from orchid_uav.envs.world import WorldBatch
 from orchid_uav.experiments.configuration import RunConfig
 from orchid_uav.experiments.errors import InputError, RunFailedError
 from orchid_uav.experiments.interruption import Interruption, interruption_requests
@@ -100,10 +101,11 @@ class TrainingOutcome:
         }
 
 
-def _compile(env: FleetVecEnv) -> None:
+def _compile(config: RunConfig) -> None:
     """Have the simulator compiled, or read from numba's cache, before time is taken."""
-    env.reset()
-    env.step(np.zeros((env.num_envs, ACTION_SIZE)))
+    world = WorldBatch(config.network_parameters)  # not of the run, whose seeds stay unused
+    world.reset()
+    world.step(np.zeros((1, world.uav_count, ACTION_SIZE)))
 
 
 def train(
@@ -177,9 +179,9 @@ def _learn(
 ) -> MAPPO | MADDPG:
     set_up_torch(config.training.threads)
     run = outcome.run
-    env = FleetVecEnv(config.network_parameters, config.training.worlds, config.training.seed)
-    _compile(env)
-    model = build_model(config, env)  # seeds the environment anew
+    _compile(config)
+    env = FleetVecEnv(config.network_parameters, config.training.worlds, seed=None)
+    model = build_model(config, env)  # SB3 seeds the worlds here, and torch
     model.set_logger(Logger(folder=None, output_formats=[]))
     reset_and_finetune = build_reset_and_finetune(config)
     checkpoints = CheckpointStore(run.path, run.id, config.checkpoint.keep, former_ids(run.record))

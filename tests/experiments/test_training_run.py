@@ -21,6 +21,7 @@ import torch
 
 from orchid_uav.agents import MAPPO, load_policy
 from orchid_uav.agents.mappo.rollout_buffer import CentralizedRolloutBuffer
+from orchid_uav.envs import WorldBatch
 from orchid_uav.experiments import interruption
 from orchid_uav.experiments.configuration import file_layer, merge
 from orchid_uav.experiments.errors import RunFailedError
@@ -133,6 +134,20 @@ def learned_files(directory: Path) -> tuple[bytes, bytes]:
         (directory / "episodes.csv").read_bytes(),
         (directory / "policy.safetensors").read_bytes(),
     )
+
+
+@pytest.mark.parametrize("algorithm", ["mappo", "maddpg"])
+def test_the_worlds_of_a_run_are_seeded_once(train, monkeypatch, algorithm):
+    seeded, seed = [], WorldBatch.seed
+
+    def note(world, value, *rest):
+        if value is not None:
+            seeded.append((world.world_count, value))
+        seed(world, value, *rest)
+
+    monkeypatch.setattr(WorldBatch, "seed", note)
+    train(tiny_config(4, training__seed=5, training__worlds=2, training__algorithm=algorithm))
+    assert seeded == [(2, 5)]
 
 
 class TestDirectory:
