@@ -12,8 +12,8 @@ from safetensors.numpy import load, save
 
 from orchid_uav.agents import LocalActor, load_policy
 from orchid_uav.agents.deployed_actor import policy_files
+from tests.helpers.damage import reseal
 from tests.helpers.learners import small_model
-from tests.helpers.processes import reseal
 
 
 @pytest.fixture(scope="module")

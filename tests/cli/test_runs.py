@@ -34,6 +34,7 @@ from orchid_uav.experiments.runs.index import (
 )
 from orchid_uav.experiments.runs.records import find_run
 from orchid_uav.experiments.runs.removal import plan_removal, remove
+from tests.helpers.damage import reseal
 from tests.helpers.processes import (
     ESCAPE,
     assert_is_an_error,
@@ -41,7 +42,7 @@ from tests.helpers.processes import (
     record_of,
     without_privileges,
 )
-from tests.helpers.run_directories import begin_run, make_run, reseal, row, rows
+from tests.helpers.run_directories import begin_run, make_run, row, rows
 
 ROOT = Path(__file__).parents[2]
 
@@ -110,7 +111,7 @@ def on_terminal(monkeypatch, orchid, width, *arguments):
 class TestList:
     def test_a_row_a_run_latest_first(self, orchid, runs):
         first = make_run(runs, "first", config={"training__seed": 4}, episodes=60)
-        reseal(first, started="2026-01-01T00:00:00+00:00")
+        reseal(first / "run.json", started="2026-01-01T00:00:00+00:00")
         second = make_run(runs, "second", status="failed", log=rows(2), episodes=7)
         finished = orchid("runs", "list", "--runs-dir", runs)
         assert (finished.code, finished.err) == (0, "")
@@ -186,7 +187,7 @@ class TestList:
         with (broken[1] / "config.json").open("a") as file:
             file.write("\n")
         (broken[2] / "run.json").write_text('{"mlflow": true}')
-        reseal(broken[3], final=["not", "figures"])
+        reseal(broken[3] / "run.json", final=["not", "figures"])
         directory = runs / "directory"
         (directory / "run.json").mkdir(parents=True)
         ids, document = listed()
@@ -224,7 +225,7 @@ class TestList:
     def test_limit_takes_the_first_and_says_so(self, orchid, runs):
         for number in range(3):
             path = make_run(runs, f"run-{number}")
-            reseal(path, started=f"2026-01-0{number + 1}T00:00:00+00:00")
+            reseal(path / "run.json", started=f"2026-01-0{number + 1}T00:00:00+00:00")
         finished = orchid("runs", "list", "--runs-dir", runs, "--limit", 2)
         names = [line.split("\t")[0] for line in finished.out.splitlines()[1:]]
         assert [re.search(r"run-\d", name)[0] for name in names] == ["run-2", "run-1"]
@@ -249,7 +250,7 @@ class TestList:
 
     def test_a_name_that_would_steer_a_terminal_does_not(self, orchid, runs):
         path = make_run(runs, status="failed")
-        reseal(path, error="\x1b[31mred\x07\n\tsecond", name="\x1b]0;title\x07")
+        reseal(path / "run.json", error="\x1b[31mred\x07\n\tsecond", name="\x1b]0;title\x07")
         for arguments in (
             ["list", "--columns", "name,error"],
             ["show", path.name],
@@ -314,7 +315,7 @@ def lab(tmp_path_factory):
         make_run(directory, "d", config={"network__shares": "pf"}, log=rows(2, rate_jfi=0.8))
         make_run(directory, "e", config={"training__seed": 10}, log=rows(3, rate_jfi=float("nan")))
     for number, path in enumerate(sorted(directory.iterdir(), key=lambda path: path.name[17])):
-        reseal(path, started=f"2026-01-0{number + 1}T00:00:00+00:00")
+        reseal(path / "run.json", started=f"2026-01-0{number + 1}T00:00:00+00:00")
     return directory
 
 
@@ -573,7 +574,7 @@ class TestShow:
             checksum = hashlib.sha256(log.read_bytes()).hexdigest()
             finished = orchid("runs", "show", path.name, "--runs-dir", runs)
             assert "episodes.csv is not what was written" in finished.err
-            reseal(path, episodes_sha256=checksum)
+            reseal(path / "run.json", episodes_sha256=checksum)
             finished = orchid("runs", "show", path.name, "--runs-dir", runs)
             assert finished.code == 2
             assert "episodes.csv is damaged" in finished.err
@@ -694,7 +695,7 @@ class TestCompare:
         assert not target.exists()
         shown = orchid("runs", "show", "copy", "--runs-dir", runs).out
         assert "run\tcopy\n" in shown and f"recorded as\t{path.name}\n" in shown
-        reseal(copy, id="copy", former_ids=[path.name])
+        reseal(copy / "run.json", id="copy", former_ids=[path.name])
         shown = orchid("runs", "show", "copy", "--runs-dir", runs).out
         assert f"formerly\t{path.name}\n" in shown and "recorded as" not in shown
         assert orchid("runs", "export", path, copy, "--out", target).code == 0
@@ -1003,7 +1004,7 @@ class TestNext:
         ]
         monkeypatch.setenv("ORCHID_RUNS_DIR", str(runs))
         two = make_run(runs, "two", status="interrupted")
-        reseal(two, started="2099-01-01T00:00:00+00:00")
+        reseal(two / "run.json", started="2099-01-01T00:00:00+00:00")
         names = [two.name, one.name]
         for command in ("list", "compare"):
             given = names if command == "compare" else []

@@ -53,6 +53,7 @@ from orchid_uav.experiments.evaluation.methods import rules
 from orchid_uav.experiments.jobs import local_processes as jobs
 from orchid_uav.experiments.jobs.local_processes import JobEnd
 from orchid_uav.experiments.training.job import TrainingJob, run_one
+from tests.helpers.damage import reseal
 from tests.helpers.processes import (
     COLUMNS,
     TINY,
@@ -62,7 +63,6 @@ from tests.helpers.processes import (
     record_of,
     tiny_config,
 )
-from tests.helpers.run_directories import reseal
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals are POSIX")
 
@@ -744,7 +744,7 @@ class TestFailures:
 
     def test_a_seed_that_failed_is_left_out_of_pairs_and_tried_again(self, ablate, study, finished):
         run = run_of(study, "no-rf", 1)
-        reseal(run, status="failed", error="NaN")
+        reseal(run / "run.json", status="failed", error="NaN")
         for state in (run / "checkpoints").glob("*/state.json"):
             state.write_text("{}")
         arguments = ("--no-rf", "--seeds=0,1", f"--out={study}", "--json")

@@ -38,12 +38,12 @@ from orchid_uav.experiments.figures import evaluation_figures as drawing
 from orchid_uav.experiments.metrics import EVALUATION_METRICS, HEADROOM, METRICS
 from orchid_uav.experiments.runs.records import find_run
 from orchid_uav.experiments.statistics import intervals as statistics
+from tests.helpers.damage import reseal
 from tests.helpers.processes import (
     ESCAPE,
     TINY_FLAGS,
     assert_is_an_error,
     forked,
-    reseal,
     signals_by_default,
     tell_of_file_steps,
 )

@@ -33,6 +33,7 @@ from orchid_uav.experiments.runs.records import read_config, read_record, status
 from orchid_uav.experiments.training import loop as training
 from orchid_uav.experiments.training.checkpoints import CheckpointStore
 from orchid_uav.experiments.training.trackers import open_tracker
+from tests.helpers.damage import reseal
 from tests.helpers.processes import (
     TINY_FLAGS,
     Audience,
@@ -45,7 +46,6 @@ from tests.helpers.processes import (
     killed_at_step,
     learned_files,
     record_of,
-    reseal,
     tell_of_file_steps,
     tiny_config,
 )

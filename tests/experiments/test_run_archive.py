@@ -18,8 +18,9 @@ from orchid_uav.experiments import provenance
 from orchid_uav.experiments.errors import InputError, RunFailedError
 from orchid_uav.experiments.runs import archive as run_archive
 from orchid_uav.experiments.runs.archive import MANIFEST, export_runs, import_runs
+from tests.helpers.damage import reseal
 from tests.helpers.processes import TINY_FLAGS, assert_is_an_error, file_size_limit, fingerprint
-from tests.helpers.run_directories import begin_run, make_run, reseal, rows
+from tests.helpers.run_directories import begin_run, make_run, rows
 
 EVENTS = "events.out.tfevents.1795390545.host.26320"
 REGULAR = (stat.S_IFREG | 0o644) << 16
@@ -148,7 +149,7 @@ class TestExport:
 
         def write_while_it_changes(file, files):
             write(file, files)
-            reseal(run, seconds=99.0)
+            reseal(run / "run.json", seconds=99.0)
 
         monkeypatch.setattr(run_archive, "_write", write_while_it_changes)
         with pytest.raises(RunFailedError, match="changed"):
@@ -560,7 +561,7 @@ class TestHostile:
         ):
             path = run.with_name(f"copy-{number}")
             shutil.copytree(run, path)
-            reseal(path, **{"id": path.name} | changes)
+            reseal(path / "run.json", **{"id": path.name} | changes)
             files = {
                 f"{path.name}/{name}": (path / name).read_bytes()
                 for name in ("run.json", "config.json")

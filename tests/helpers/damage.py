@@ -207,6 +207,7 @@ def write_sealed(path: Path, document: dict[str, Any]) -> None:
 
 
 def reseal(path: Path, **changes: Any) -> None:
+    """Change a document as somebody would who knows of seals."""
     write_sealed(path, load_json(path) | changes)
 
 

@@ -19,7 +19,6 @@ from typing import Any
 import pytest
 
 from orchid_uav.experiments.configuration import Layer, RunConfig, merge
-from orchid_uav.storage.files import sealed
 
 TINY = {
     "network.uav_count": 2,
@@ -83,11 +82,6 @@ def cells(directory: Path) -> list[list[str]]:
     text = (directory / "episodes.csv").read_text()
     assert text.endswith("\n"), "the last row is cut off"
     return [line.split(",") for line in text.splitlines()]
-
-
-def reseal(path: Path, **changes: Any) -> None:
-    """Change a sealed JSON document as somebody would who knows of seals."""
-    path.write_text(json.dumps(sealed(json.loads(path.read_text()) | changes)))
 
 
 def columns(directory: Path) -> dict[str, list[float]]:

@@ -5,10 +5,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from orchid_uav.experiments.runs import directory as run_directory
 from orchid_uav.experiments.runs.directory import RunDirectory
-from orchid_uav.storage.files import sealed
-from tests.helpers.processes import COLUMNS, WHOLE_NUMBERS, record_of, tiny_config
+from tests.helpers.processes import COLUMNS, WHOLE_NUMBERS, tiny_config
 
 COMMAND = ["orchid", "train", "--name", "lab's"]
 POLICY = {"policy.safetensors": b"weights" * 50, "policy.json": b"{}\n"}
@@ -69,9 +67,3 @@ def make_run(
 def begin_run(runs_dir: Path, **options: Any) -> RunDirectory:
     """A run that this process goes on writing."""
     return RunDirectory.create(runs_dir, "live", tiny_config(**options), COMMAND)
-
-
-def reseal(path: Path, **changes: Any) -> None:
-    """Change a record as somebody would who knows how to seal it."""
-    record = sealed(record_of(path) | changes)
-    (path / run_directory.RECORD_FILE).write_text(json.dumps(record))
