@@ -18,7 +18,6 @@ from orchid_uav.cli.console import (
     QuietOption,
     console,
     failing_well,
-    has_cursor,
     print_line,
     print_next,
     print_note,
@@ -52,7 +51,7 @@ from orchid_uav.notices import show_on_stderr
 
 if TYPE_CHECKING:
     from orchid_uav.experiments.runs.directory import RunDirectory
-    from orchid_uav.experiments.training.loop import Reporter, TrainingOutcome
+    from orchid_uav.experiments.training.loop import TrainingOutcome
 
 _OF_NEW_RUNS = {
     "--preset": "preset",
@@ -123,6 +122,7 @@ def train(
         else:
             path, merged = _continuation(context, flags, find_run(resume, expanded(runs_dir)))
         # torch and SB3 take seconds to import: not before the input is known to be right.
+        from orchid_uav.cli.progress.training import training_reporter
         from orchid_uav.experiments.interruption import interruption_requests
         from orchid_uav.experiments.runs.directory import RunDirectory
         from orchid_uav.experiments.training import trackers
@@ -140,7 +140,8 @@ def train(
                 _note_new_id(run)
             opened = [trackers.open_tracker(tracker, run.path, merged) for tracker in wanted]
             try:
-                outcome = run_training(merged, run, _reporter(out, quiet), opened, interruption)
+                reporter = training_reporter(out, quiet)
+                outcome = run_training(merged, run, reporter, opened, interruption)
             except RunFailedError as error:
                 raise RunFailedError(f"{error}\n{_after_failure(run.path, error)}") from error
             except KeyboardInterrupt:
@@ -243,14 +244,6 @@ def _after_failure(path: Path, error: RunFailedError) -> str:
 
 def _print_continuation(path: Path) -> None:
     print_line(console(stderr=True), _continuation_text(path))
-
-
-def _reporter(out: Console, quiet: bool) -> "Reporter":
-    from orchid_uav.cli.progress.training import LineReporter, LiveReporter, SilentReporter
-
-    if quiet:
-        return SilentReporter()
-    return LiveReporter(out) if has_cursor(out) else LineReporter(out)
 
 
 def _print_outcome(out: Console, outcome: "TrainingOutcome") -> None:

@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from orchid_uav.cli.progress.training import SilentReporter
 from orchid_uav.envs import Parameters
 from orchid_uav.experiments.configuration import Layer, RunConfig, merge
 from orchid_uav.experiments.evaluation.flights import Plan, Setting, evaluate
 from orchid_uav.experiments.evaluation.methods import Contender, select
 from orchid_uav.experiments.runs.directory import RunDirectory
+from orchid_uav.experiments.training.listeners import Reporter
 from orchid_uav.experiments.training.loop import train
 from orchid_uav.storage.files import write_json
 from studies.recording import add_allow_changes, record, require_commit
@@ -77,7 +77,7 @@ def run_trial(algorithm: str, values: dict[str, Any], episodes: int) -> dict[str
     config = configure(algorithm, values, episodes)
     with tempfile.TemporaryDirectory() as directory:
         run = RunDirectory.create(Path(directory), "tuning", config, [])
-        outcome = train(config, run, SilentReporter())
+        outcome = train(config, run, Reporter())
         metrics = score(select([], [run.path])[0])
     return {"values": values, "seconds": round(outcome.seconds, 1), **metrics}
 

@@ -35,11 +35,12 @@ from orchid_uav.experiments.evaluation.directory import (
     settings_of,
     told_if_not_drawn,
 )
-from orchid_uav.experiments.evaluation.flights import Plan, Progress
+from orchid_uav.experiments.evaluation.flights import FlightProgress, Plan
 from orchid_uav.experiments.figures.contact_sheet import write_ablation_sheet
 from orchid_uav.experiments.figures.learning_curves import draw_learning_curves
 from orchid_uav.experiments.figures.style import setting_of
-from orchid_uav.experiments.jobs.local_processes import Executor, Job, JobProgress
+from orchid_uav.experiments.jobs.local_processes import Executor, JobProgress
+from orchid_uav.experiments.jobs.workload import Job
 from orchid_uav.experiments.runs.directory import Row, read_episodes
 from orchid_uav.experiments.runs.records import EPISODES_FILE, check_log, read_record
 from orchid_uav.experiments.statistics.curves import curve_table
@@ -145,7 +146,7 @@ class AblationStudy:
         """Say in ``ablation.json`` that it is not what it is to be."""
         self._write(self._header("interrupted"))
 
-    def evaluate(self, progress: Progress) -> dict[str, Any] | None:
+    def evaluate(self, progress: FlightProgress) -> dict[str, Any] | None:
         """Fly all policies, compare them, and write ``ablation.json``; None if interrupted.
 
         Runs that failed count as failures; a variant may have no other.
@@ -186,7 +187,7 @@ class AblationStudy:
                 f"cannot write to {self.directory}: {error.strerror or error}"
             ) from error
 
-    def _fly(self, plan: Plan, progress: Progress) -> dict[str, Any]:
+    def _fly(self, plan: Plan, progress: FlightProgress) -> dict[str, Any]:
         """The summary of an evaluation that is complete already, or is gone on with, or begun."""
         settings = json.loads(json.dumps(describe_plan(plan, 0)))
         folder = self.directory / EVALUATION_FOLDER

@@ -18,9 +18,9 @@ from orchid_uav.experiments.errors import InputError, RunFailedError
 from orchid_uav.experiments.evaluation.flights import (
     CEILING,
     FLOOR,
+    FlightProgress,
     Flown,
     Plan,
-    Progress,
     describe,
     evaluate,
     summarise_flights,
@@ -217,7 +217,7 @@ def run_evaluation(
     directory: Path,
     command: list[str],
     flown: Flown,
-    progress: Progress,
+    progress: FlightProgress,
     with_figures: bool = True,
 ) -> dict[str, Any]:
     """Fly a plan and fill the directory; the summary's status says whether all of it was flown.

@@ -3,7 +3,7 @@
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,8 +100,8 @@ class Flight(NamedTuple):
         return (*self.setting, self.contender.key, self.contender.deterministic)
 
 
-class Progress(Protocol):
-    """Shows how far an evaluation is."""
+class FlightProgress:
+    """Shows how far an evaluation is; this one shows nothing."""
 
     def begin(self, total_cost: float) -> None:
         """The flights are about to begin."""
@@ -116,29 +116,13 @@ class Progress(Protocol):
         """No flight goes on."""
 
 
-class SilentProgress:
-    """Shows nothing."""
-
-    def begin(self, total_cost: float) -> None:
-        """Nothing."""
-
-    def start(self, flight: Flight) -> None:
-        """Nothing."""
-
-    def advance(self, cost: float) -> None:
-        """Nothing."""
-
-    def end(self) -> None:
-        """Nothing."""
-
-
 Flown = dict[tuple[Any, ...], Metrics]
 """Metrics by :attr:`Flight.key`."""
 
 
 def evaluate(
     plan: Plan,
-    progress: Progress | None = None,
+    progress: FlightProgress | None = None,
     flown: Flown | None = None,
     save: Callable[[Flown], None] = lambda flown: None,
     stop: Callable[[], bool] = lambda: False,
@@ -161,7 +145,7 @@ def evaluate(
         if stop():
             raise KeyboardInterrupt
 
-    progress = progress or SilentProgress()
+    progress = progress or FlightProgress()
     done: Flown = dict(flown or {})
     waiting = [flight for flight in plan.flights() if flight.key not in done]
     progress.begin(sum(_cost(flight) for flight in waiting))
@@ -232,7 +216,7 @@ def _fly(
     plan: Plan,
     flight: Flight,
     topologies: _Topologies,
-    progress: Progress,
+    progress: FlightProgress,
     heed_stop: Callable[[], None],
 ) -> Metrics:
     parameters, all_topologies = topologies.of(flight.contender)
@@ -259,7 +243,7 @@ def _fly_batch(
     parameters: Parameters,
     topologies: Topologies,
     seeds: Sequence[int],
-    progress: Progress,
+    progress: FlightProgress,
     cost: float,
     heed_stop: Callable[[], None],
 ) -> Metrics:

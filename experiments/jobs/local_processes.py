@@ -1,12 +1,9 @@
 """Jobs side by side, a process each, and how every one of them ended."""
 
-import heapq
-import math
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Literal, NamedTuple, Protocol
 
 from orchid_uav.experiments.errors import InputError
@@ -18,6 +15,7 @@ from orchid_uav.experiments.jobs.child_process import (
     shortened,
     usable_cores,
 )
+from orchid_uav.experiments.jobs.workload import Job, Workload
 
 INTERRUPTED_CODE = 130
 """Exit code of a job that was asked to stop and has saved what it had."""
@@ -26,33 +24,8 @@ _TRIES = 2
 _SECONDS_BETWEEN_LOOKS = 0.1
 _SECONDS_BETWEEN_UPDATES = 0.5
 _SECONDS_TO_SAVE = 30.0
-_FIRST_ESTIMATE = 0.1
 
 Status = Literal["completed", "failed", "interrupted", "not started"]
-
-
-@dataclass(frozen=True)
-class Job:
-    """A process to be run, which goes on where it stopped when it is run again.
-
-    Raises:
-        ValueError: an empty command, or a cost that is not positive.
-    """
-
-    name: str
-    command: tuple[str, ...]
-    log: Path
-    """What the process prints is appended there."""
-    share: Callable[[], float]
-    """How much of the job is done, 0 to 1. Asked twice a second; errors in it are passed over."""
-    cost: float = 1.0
-    """How long the whole job takes, relative to others."""
-
-    def __post_init__(self) -> None:
-        if not self.command:
-            raise ValueError(f"job '{self.name}' has an empty command")
-        if not 0.0 < self.cost < math.inf:
-            raise ValueError(f"job '{self.name}' costs {self.cost}: a positive number is possible")
 
 
 @dataclass(frozen=True)
@@ -73,18 +46,21 @@ class JobEnd:
 class Overview(NamedTuple):
     """How far all jobs are."""
 
-    share: float
+    fraction_done: float
     """Of the whole cost; a job that has ended counts in full, whatever became of it."""
     seconds_left: float | None
     """None where nothing can be said yet."""
     running: Sequence[tuple[Job, float]]
-    """With the share of each that is done, in the order in which they began."""
+    """With the fraction of each that is done, in the order in which they began."""
     completed: int
     failed: int
 
 
-class JobProgress(Protocol):
-    """Shows how far jobs are. An exception of it stops all jobs, and is passed on."""
+class JobProgress:
+    """Shows how far jobs are; this one shows nothing.
+
+    An exception of a hook stops all jobs, and is passed on.
+    """
 
     def begin(self, jobs: Sequence[Job], processes: int) -> None:
         """The jobs are about to begin, so many at once."""
@@ -114,77 +90,6 @@ class Executor(Protocol):
 
     def run(self, jobs: Sequence[Job], progress: JobProgress) -> list[JobEnd]:
         """Run jobs whose names are all different; how they ended, in their order."""
-
-
-class Workload:
-    """How much of all jobs is done, and how long the rest will take.
-
-    What was done before this began counts for the share, and never for the pace.
-
-    Args:
-        jobs: all of them, in the order in which they begin.
-        processes: how many run at once.
-    """
-
-    def __init__(self, jobs: Sequence[Job], processes: int) -> None:
-        self._jobs = jobs
-        self._processes = processes
-        self._shares = [_asked(job, otherwise=0.0) for job in jobs]
-        self._first_shares = tuple(self._shares)
-        self._ended: set[int] = set()
-        self._total = sum(job.cost for job in jobs)
-
-    def look(self, indices: Iterable[int]) -> None:
-        """Ask these jobs how far they are."""
-        for index in indices:
-            self._shares[index] = _asked(self._jobs[index], otherwise=self._shares[index])
-
-    def end(self, index: int, is_complete: bool) -> None:
-        """Nothing is left to do of this job."""
-        self._ended.add(index)
-        if is_complete:
-            self._shares[index] = 1.0
-
-    def share_of(self, index: int) -> float:
-        """How much of a job is done, 0 to 1."""
-        return self._shares[index]
-
-    @property
-    def share(self) -> float:
-        """How much of all jobs is over, by cost, 0 to 1."""
-        left = sum(self._left(index) for index in range(len(self._jobs)))
-        return 1.0 - left / self._total if self._jobs else 1.0
-
-    def seconds_left(self, running: Sequence[int], seconds: Sequence[float]) -> float | None:
-        """How long it takes until all jobs have ended; None where nothing can be said yet.
-
-        Args:
-            running: indices of the jobs that are running.
-            seconds: for how long each job has been running, (jobs,).
-        """
-        left = [self._left(index) for index in range(len(self._jobs))]
-        if not any(left):
-            return 0.0
-        work = busy_s = 0.0
-        for job, now, first, job_s in zip(
-            self._jobs, self._shares, self._first_shares, seconds, strict=True
-        ):
-            if first < 1.0:  # a job that was complete takes its time to say so
-                work += job.cost * max(now - first, 0.0)
-                busy_s += job_s
-        if work <= 0.0 or work < _FIRST_ESTIMATE * self._total / len(self._jobs):
-            return None
-        # Each waiting job goes to the process that is free first: at the end some have none.
-        free = sorted([left[index] for index in running])
-        free = [0.0] * max(self._processes - len(free), 0) + free
-        for index, cost in enumerate(left):
-            if index not in running:
-                heapq.heapreplace(free, free[0] + cost)
-        return max(free) * busy_s / work
-
-    def _left(self, index: int) -> float:
-        done = 1.0 if index in self._ended else self._shares[index]
-        return self._jobs[index].cost * (1.0 - done)
 
 
 class LocalProcesses:
@@ -353,9 +258,9 @@ class _LocalRun:
         left_s = self._workload.seconds_left(running, seconds)
         self.progress.update(
             Overview(
-                share=self._workload.share,
+                fraction_done=self._workload.fraction_done,
                 seconds_left=None if self._is_stopping else left_s,
-                running=[(self.jobs[index], self._workload.share_of(index)) for index in running],
+                running=[(self.jobs[index], self._workload.fractions[index]) for index in running],
                 completed=statuses.count("completed"),
                 failed=statuses.count("failed"),
             )
@@ -377,11 +282,3 @@ class _LocalRun:
                 child.kill()
             for child in children:
                 child.close()
-
-
-def _asked(job: Job, otherwise: float) -> float:
-    try:
-        share = float(job.share())
-    except Exception:  # it may read a file that is just being written
-        return otherwise
-    return otherwise if math.isnan(share) else min(max(share, 0.0), 1.0)

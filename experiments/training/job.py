@@ -18,7 +18,8 @@ from typing import Any, Literal
 from orchid_uav.experiments.configuration import RunConfig
 from orchid_uav.experiments.errors import InputError, RunFailedError
 from orchid_uav.experiments.interruption import ignore_signals, interruption_requests
-from orchid_uav.experiments.jobs.local_processes import INTERRUPTED_CODE, Job
+from orchid_uav.experiments.jobs.local_processes import INTERRUPTED_CODE
+from orchid_uav.experiments.jobs.workload import Job
 from orchid_uav.experiments.output import lasting_output
 from orchid_uav.experiments.runs.records import (
     EPISODES_FILE,
@@ -27,6 +28,7 @@ from orchid_uav.experiments.runs.records import (
     read_record,
     status_of,
 )
+from orchid_uav.experiments.training.listeners import Reporter
 from orchid_uav.notices import show_on_stderr
 from orchid_uav.storage.files import read_document, write_json
 
@@ -91,7 +93,7 @@ class TrainingJob:
             # -P: a user's own statistics.py in the current directory is not the library's.
             command=(sys.executable, "-P", "-m", "orchid_uav.experiments.training.job", str(order)),
             log=folder / f"{self.key}.log",
-            share=_Share(self),
+            fraction_done=_FractionDone(self),
             cost=cost,
         )
 
@@ -114,8 +116,8 @@ class TrainingJob:
             raise InputError(f"{order} is no order of a training job: {error}") from error
 
 
-class _Share:
-    """Episodes of a run that are done, as a share, from the size of its log."""
+class _FractionDone:
+    """How much of a run is done, in episodes, from the rows of its log."""
 
     def __init__(self, job: TrainingJob) -> None:
         self._job = job
@@ -130,20 +132,12 @@ class _Share:
         return max(rows, 0) / self._job.config.training.episodes
 
 
-class _Log:
-    """What the run's log shall hold besides its figures."""
+class _Log(Reporter):
+    """Says where the run begins; all that is printed goes to the job's log."""
 
     def begin(self, run: Any, config: Any, rows: Sequence[Any], reset_episodes: Any) -> None:
+        """Say where the run begins."""
         print(f"run {run.id} from episode {len(rows) + 1} on", flush=True)
-
-    def show(self, rows: Sequence[Any], reset_episodes: Any) -> None:
-        pass
-
-    def warn(self, message: str) -> None:
-        print(f"warning: {message}", flush=True)
-
-    def end(self) -> None:
-        pass
 
 
 def run_one(job: TrainingJob) -> int:

@@ -5,7 +5,7 @@ import time
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from stable_baselines3.common.logger import Logger
@@ -37,33 +37,12 @@ from orchid_uav.experiments.training.builders import (
     set_up_torch,
 )
 from orchid_uav.experiments.training.checkpoints import STATE_ERRORS, CheckpointStore
+from orchid_uav.experiments.training.listeners import Reporter
 from orchid_uav.experiments.training.state import Training
 from orchid_uav.experiments.training.trackers import SafeTracker
 
 _LONGEST_REASON = 300
 _ESCAPE_CODE = re.compile(r"\x1b\[[0-9;]*m")  # numba colours its messages
-
-
-class Reporter(Protocol):
-    """Shows a run while it goes on."""
-
-    def begin(
-        self,
-        run: RunDirectory,
-        config: RunConfig,
-        rows: Sequence[Row],
-        reset_episodes: Sequence[int],
-    ) -> None:
-        """The learning loop is about to begin, or to go on behind the rows of before."""
-
-    def show(self, rows: Sequence[Row], reset_episodes: Sequence[int]) -> None:
-        """New episodes have been learned from."""
-
-    def warn(self, message: str) -> None:
-        """Something that the user should know, and that the run survives."""
-
-    def end(self) -> None:
-        """The learning loop has ended."""
 
 
 @dataclass

@@ -20,6 +20,7 @@ from orchid_uav.experiments.configuration import RunConfig
 from orchid_uav.experiments.errors import RunFailedError
 from orchid_uav.experiments.interruption import ignore_signals
 from orchid_uav.experiments.jobs.child_process import shortened
+from orchid_uav.experiments.training.listeners import Tracker
 
 _SECONDS_AT_THE_END = 5.0
 """A run waits so long for what its tracker has not exported yet."""
@@ -35,8 +36,8 @@ _IMPATIENCE = {"MLFLOW_HTTP_REQUEST_MAX_RETRIES": "1", "MLFLOW_HTTP_REQUEST_TIME
 minutes each."""
 
 
-class TrackerProcess:
-    """A ``Tracker`` (see ``trackers.py``) that never keeps its caller waiting.
+class TrackerProcess(Tracker):
+    """A tracker that never keeps its caller waiting.
 
     Only :meth:`close` waits, for some seconds. What has gone wrong in the process is raised as
     RunFailedError by whatever is called next.

@@ -9,33 +9,21 @@ import os
 import platform
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from itertools import chain, count
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from orchid_uav.experiments.configuration import RunConfig, flatten
 from orchid_uav.experiments.errors import InputError
+from orchid_uav.experiments.training.listeners import Tracker
 from orchid_uav.experiments.training.tracker_process import TrackerProcess
 from orchid_uav.extras import install_command
 
 Metrics = Mapping[str, float]
 
 
-class Tracker(Protocol):
-    """What an exporter does."""
-
-    def resume(self, episodes: int) -> None:
-        """The run goes on behind so many episodes, which another process logged."""
-
-    def log(self, episode: int, metrics: Metrics) -> None:
-        """Take an episode's figures."""
-
-    def close(self, status: str) -> None:
-        """The run has ended."""
-
-
-class TensorBoardTracker:
+class TensorBoardTracker(Tracker):
     """``events.out.tfevents.*`` in the run directory, one event per episode.
 
     Written here and now, not by the thread of ``SummaryWriter``, which on a full disk dies with a
@@ -82,8 +70,11 @@ class TensorBoardTracker:
             raise
 
 
-class MlflowTracker:
-    """An MLflow run, under the tracking URI in force (``MLFLOW_TRACKING_URI``)."""
+class MlflowTracker(Tracker):
+    """An MLflow run, under the tracking URI in force (``MLFLOW_TRACKING_URI``).
+
+    A resumed run is a run of its own in MLflow, with the same name.
+    """
 
     def __init__(self, run_id: str, config: RunConfig) -> None:
         import mlflow
@@ -92,9 +83,6 @@ class MlflowTracker:
         mlflow.set_experiment("orchid")
         mlflow.start_run(run_name=run_id)
         mlflow.log_params(flatten(config))
-
-    def resume(self, episodes: int) -> None:
-        """Nothing: a resumed run is a run of its own in MLflow, with the same name."""
 
     def log(self, episode: int, metrics: Metrics) -> None:
         """One batch per episode."""
@@ -106,17 +94,17 @@ class MlflowTracker:
         self._mlflow.end_run(names.get(status, "FAILED"))
 
 
-class TrackioTracker:
-    """A run of the trackio project ``orchid`` on this machine."""
+class TrackioTracker(Tracker):
+    """A run of the trackio project ``orchid`` on this machine.
+
+    A resumed run is a run of its own in trackio.
+    """
 
     def __init__(self, run_id: str, config: RunConfig) -> None:
         import trackio
 
         self._trackio = trackio
         trackio.init(project="orchid", name=run_id, config=flatten(config))
-
-    def resume(self, episodes: int) -> None:
-        """Nothing: a resumed run is a run of its own in trackio."""
 
     def log(self, episode: int, metrics: Metrics) -> None:
         """One record per episode."""
@@ -166,7 +154,7 @@ def open_tracker(name: str, directory: Path, config: RunConfig) -> "SafeTracker"
         )
     except Exception as error:
         _warn(f"{name} is off for this run: {error}")
-        return SafeTracker(name, None)
+        return SafeTracker(name, Tracker())
     return SafeTracker(name, tracker)
 
 
@@ -175,30 +163,28 @@ def _warn(message: str) -> None:
     print(f"warning: {message}", file=sys.stderr)
 
 
-class SafeTracker:
+class SafeTracker(Tracker):
     """Passes everything on to a tracker until that raises, then warns once and goes quiet."""
 
-    def __init__(self, name: str, tracker: Tracker | None) -> None:
+    def __init__(self, name: str, tracker: Tracker) -> None:
         self._name = name
         self._tracker = tracker
 
     def resume(self, episodes: int) -> None:
-        """The run goes on behind so many episodes."""
+        """Pass on that the run goes on behind so many episodes."""
         self._try(lambda tracker: tracker.resume(episodes))
 
     def log(self, episode: int, metrics: Metrics) -> None:
-        """Take an episode's figures."""
+        """Pass on an episode's metrics."""
         self._try(lambda tracker: tracker.log(episode, metrics))
 
     def close(self, status: str) -> None:
-        """The run has ended."""
+        """Pass on how the run has ended."""
         self._try(lambda tracker: tracker.close(status))
 
-    def _try(self, action: Any) -> None:
-        if self._tracker is None:
-            return
+    def _try(self, action: Callable[[Tracker], None]) -> None:
         try:
             action(self._tracker)
         except Exception as error:
-            self._tracker = None
+            self._tracker = Tracker()
             _warn(f"{self._name} is off for the rest of the run: {error}")

@@ -1,31 +1,21 @@
 """How far an evaluation is, on terminals and in logs."""
 
-import time
-
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    Progress,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
+from rich.progress import TextColumn, TimeRemainingColumn
 
 from orchid_uav.cli.console import has_cursor, print_line
-from orchid_uav.experiments.evaluation.flights import Flight, SilentProgress, describe
-from orchid_uav.experiments.evaluation.flights import Progress as FlightProgress
+from orchid_uav.cli.progress.displays import Pace, bars
+from orchid_uav.experiments.evaluation.flights import Flight, FlightProgress, describe
 from orchid_uav.experiments.metrics import label_of
 from orchid_uav.experiments.runs.records import short_ids
 
-_SECONDS_BETWEEN_LINES = 5.0
-_LEAST_SHARE = 0.02
-_NEXT = "summarising ..."
+_LEAST_FRACTION = 0.02
 
 
 def evaluation_progress(out: Console, quiet: bool) -> FlightProgress:
     """The display that suits a console."""
     if quiet:
-        return SilentProgress()
+        return FlightProgress()
     return LiveProgress(out) if has_cursor(out) else LineProgress(out)
 
 
@@ -40,16 +30,24 @@ def _describe(flight: Flight) -> str:
     )
 
 
-class LineProgress:
-    """A line every few seconds, for logs."""
+class _Display(FlightProgress):
+    """What both displays have in common."""
 
     def __init__(self, out: Console) -> None:
         self._out = out
 
+    def end(self) -> None:
+        """Say what follows."""
+        print_line(self._out, "summarising ...")
+
+
+class LineProgress(_Display):
+    """A line every few seconds, for logs."""
+
     def begin(self, total_cost: float) -> None:
         """Take the time."""
         self._total, self._done = total_cost, 0.0
-        self._began_s = self._last_line_s = time.monotonic()
+        self._pace = Pace()
 
     def start(self, flight: Flight) -> None:
         """Name it from now on."""
@@ -58,36 +56,26 @@ class LineProgress:
     def advance(self, cost: float) -> None:
         """Print a line if one is due."""
         self._done += cost
-        now_s = time.monotonic()
-        if now_s - self._last_line_s >= _SECONDS_BETWEEN_LINES:
-            self._last_line_s = now_s
-            if self._done < _LEAST_SHARE * self._total:  # compilation tells nothing of the rest
-                return
-            left_s = (now_s - self._began_s) * (self._total - self._done) / self._done
-            share = self._done / self._total
+        # Compilation tells nothing of the rest.
+        if self._pace.is_due() and self._done >= _LEAST_FRACTION * self._total:
+            left_s = self._pace.elapsed_s * (self._total - self._done) / self._done
+            fraction_done = self._done / self._total
             print_line(
-                self._out, f"{share:.0%}: {_describe(self._flight)}; about {left_s:.0f} s left"
+                self._out,
+                f"{fraction_done:.0%}: {_describe(self._flight)}; about {left_s:.0f} s left",
             )
 
-    def end(self) -> None:
-        """Say what follows."""
-        print_line(self._out, _NEXT)
 
-
-class LiveProgress:
+class LiveProgress(_Display):
     """A progress bar, for terminals."""
 
     def __init__(self, out: Console) -> None:
-        self._out = out
-        self._progress = Progress(
-            BarColumn(bar_width=None),
-            TextColumn("{task.percentage:.0f} %"),
-            TimeElapsedColumn(),
+        super().__init__(out)
+        self._progress = bars(
+            out,
             TextColumn("left"),
             TimeRemainingColumn(),
             TextColumn("{task.description}"),
-            console=out,
-            expand=True,
             transient=True,
         )
 
@@ -107,4 +95,4 @@ class LiveProgress:
     def end(self) -> None:
         """Close the display, and say what follows."""
         self._progress.stop()
-        print_line(self._out, _NEXT)
+        super().end()

@@ -1,23 +1,23 @@
 """How far jobs are, on terminals and in logs."""
 
-import time
 from collections.abc import Sequence
 from datetime import timedelta
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+from rich.progress import TaskID, TextColumn
 
 from orchid_uav.cli.console import has_cursor, print_line
-from orchid_uav.experiments.jobs.local_processes import Job, JobEnd, JobProgress, Overview
+from orchid_uav.cli.progress.displays import Pace, bars
+from orchid_uav.experiments.jobs.local_processes import JobEnd, JobProgress, Overview
+from orchid_uav.experiments.jobs.workload import Job
 
-_SECONDS_BETWEEN_LINES = 5.0
 _MOST_NAMES = 8
 
 
 def job_progress(out: Console, quiet: bool) -> JobProgress:
     """The display that suits a console."""
     if quiet:
-        return SilentJobProgress()
+        return JobProgress()
     return LiveJobProgress(out) if has_cursor(out) else LineJobProgress(out)
 
 
@@ -26,100 +26,71 @@ def duration_text(seconds: float) -> str:
     return str(timedelta(seconds=round(seconds)))
 
 
-def _restart_text(job: Job, error: str) -> str:
-    return f"{job.name}: {error}; it is run once more and goes on where it stopped"
-
-
-def _failure_text(end: JobEnd) -> str:
-    return f"{end.job.name}: failed after {duration_text(end.seconds)}: {end.error} ({end.job.log})"
-
-
-def _stopping_text(running: int) -> str:
-    jobs = "1 job saves what it has" if running == 1 else f"{running} jobs save what they have"
-    return f"stopping: {jobs}; once more stops at once" if running else "stopping"
-
-
-class SilentJobProgress:
-    """Shows nothing."""
-
-    def begin(self, jobs: Sequence[Job], processes: int) -> None:
-        """Nothing."""
-
-    def update(self, overview: Overview) -> None:
-        """Nothing."""
-
-    def restarted(self, job: Job, error: str) -> None:
-        """Nothing."""
-
-    def stopping(self, running: int) -> None:
-        """Nothing."""
-
-    def ended(self, end: JobEnd) -> None:
-        """Nothing."""
-
-    def end(self) -> None:
-        """Nothing."""
-
-
-class LineJobProgress:
-    """A line every few seconds and one for every end, for logs."""
+class _Display(JobProgress):
+    """What both displays say alike; on a terminal it stands above the bars."""
 
     def __init__(self, out: Console) -> None:
         self._out = out
 
     def begin(self, jobs: Sequence[Job], processes: int) -> None:
+        """Count the jobs."""
+        self._count = len(jobs)
+
+    def restarted(self, job: Job, error: str) -> None:
+        """Say so."""
+        print_line(
+            self._out, f"{job.name}: {error}; it is run once more and goes on where it stopped"
+        )
+
+    def stopping(self, running: int) -> None:
+        """Say so."""
+        jobs = "1 job saves what it has" if running == 1 else f"{running} jobs save what they have"
+        what = f": {jobs}; once more stops at once" if running else ""
+        print_line(self._out, f"stopping{what}")
+
+
+def _end_text(end: JobEnd) -> str:
+    error = f": {end.error} ({end.job.log})" if end.status == "failed" else ""
+    return f"{end.job.name}: {end.status} after {duration_text(end.seconds)}{error}"
+
+
+class LineJobProgress(_Display):
+    """A line every few seconds and one for every end, for logs."""
+
+    def begin(self, jobs: Sequence[Job], processes: int) -> None:
         """Say how many jobs there are."""
-        self._count, self._ended = len(jobs), 0
-        self._last_line_s = time.monotonic()
+        super().begin(jobs, processes)
+        self._ended = 0
+        self._pace = Pace()
         print_line(self._out, f"{len(jobs)} jobs, {processes} at once")
 
     def update(self, overview: Overview) -> None:
         """Print a line if one is due."""
-        now_s = time.monotonic()
-        if now_s - self._last_line_s < _SECONDS_BETWEEN_LINES:
+        if not self._pace.is_due():
             return
-        self._last_line_s = now_s
-        names = [f"{job.name} {share:.0%}" for job, share in overview.running[:_MOST_NAMES]]
+        names = [f"{job.name} {done:.0%}" for job, done in overview.running[:_MOST_NAMES]]
         if len(overview.running) > _MOST_NAMES:
             names.append("...")
         left_s = overview.seconds_left
         left = "" if left_s is None else f"; about {duration_text(left_s)} left"
-        print_line(self._out, f"{overview.share:.0%}: {', '.join(names)}{left}")
-
-    def restarted(self, job: Job, error: str) -> None:
-        """Say so."""
-        print_line(self._out, _restart_text(job, error))
-
-    def stopping(self, running: int) -> None:
-        """Say so."""
-        print_line(self._out, _stopping_text(running))
+        print_line(self._out, f"{overview.fraction_done:.0%}: {', '.join(names)}{left}")
 
     def ended(self, end: JobEnd) -> None:
         """Say how."""
-        if end.status == "not started":
-            return
-        self._ended += 1
-        text = f"{end.job.name}: {end.status} after {duration_text(end.seconds)}"
-        text = _failure_text(end) if end.status == "failed" else text
-        print_line(self._out, f"{text}; {self._ended} of {self._count}")
-
-    def end(self) -> None:
-        """Nothing more to say."""
+        if end.status != "not started":
+            self._ended += 1
+            print_line(self._out, f"{_end_text(end)}; {self._ended} of {self._count}")
 
 
-class LiveJobProgress:
+class LiveJobProgress(_Display):
     """A bar for all jobs over one for each that is running, for terminals."""
 
     def __init__(self, out: Console) -> None:
-        self._out = out
-        self._progress = Progress(
-            TextColumn("{task.description}", markup=False),
-            BarColumn(bar_width=None),
-            TextColumn("{task.percentage:.0f} %"),
-            TimeElapsedColumn(),
+        super().__init__(out)
+        self._progress = bars(
+            out,
             TextColumn("{task.fields[left]}"),
-            console=out,
-            expand=True,
+            before=(TextColumn("{task.description}", markup=False),),
             transient=True,
             refresh_per_second=2,
         )
@@ -127,7 +98,7 @@ class LiveJobProgress:
 
     def begin(self, jobs: Sequence[Job], processes: int) -> None:
         """Open the display."""
-        self._count = len(jobs)
+        super().begin(jobs, processes)
         self._all = self._progress.add_task(f"0 of {self._count}", total=1.0, left="")
         self._progress.start()
 
@@ -137,22 +108,14 @@ class LiveJobProgress:
         left_s = overview.seconds_left
         self._progress.update(
             self._all,
-            completed=overview.share,
+            completed=overview.fraction_done,
             description=f"{overview.completed} of {self._count}{failed}",
             left="" if left_s is None else f"{duration_text(left_s)} left",
         )
-        for job, share in overview.running:
+        for job, fraction_done in overview.running:
             if job.name not in self._rows:
                 self._rows[job.name] = self._progress.add_task(job.name, total=1.0, left="")
-            self._progress.update(self._rows[job.name], completed=share)
-
-    def restarted(self, job: Job, error: str) -> None:
-        """Say so, above the bars."""
-        print_line(self._out, _restart_text(job, error))
-
-    def stopping(self, running: int) -> None:
-        """Say so, above the bars."""
-        print_line(self._out, _stopping_text(running))
+            self._progress.update(self._rows[job.name], completed=fraction_done)
 
     def ended(self, end: JobEnd) -> None:
         """Close its bar, and say what went wrong if something did."""
@@ -160,7 +123,7 @@ class LiveJobProgress:
         if row is not None:
             self._progress.remove_task(row)
         if end.status == "failed":
-            print_line(self._out, _failure_text(end))
+            print_line(self._out, _end_text(end))
 
     def end(self) -> None:
         """Close the display."""

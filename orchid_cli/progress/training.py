@@ -1,25 +1,24 @@
 """How a training run looks while it goes on."""
 
-import time
 from collections.abc import Sequence
 
 from rich.console import Console, Group
 from rich.live import Live
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
+from rich.progress import MofNCompleteColumn, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from orchid_uav.cli.console import print_line, print_warning
+from orchid_uav.cli.console import has_cursor, print_line
+from orchid_uav.cli.progress.displays import Pace, bars
 from orchid_uav.experiments.configuration import RunConfig
 from orchid_uav.experiments.runs.directory import FINAL_EPISODES, Row, RunDirectory
+from orchid_uav.experiments.training.listeners import Reporter
 
-_SECONDS_BETWEEN_LINES = 5.0
+
+def training_reporter(out: Console, quiet: bool) -> Reporter:
+    """The display that suits a console."""
+    if quiet:
+        return Reporter()
+    return LiveReporter(out) if has_cursor(out) else LineReporter(out)
 
 
 def metric_texts(metrics: Row) -> dict[str, str]:
@@ -34,88 +33,8 @@ def metric_texts(metrics: Row) -> dict[str, str]:
     }
 
 
-def _behind(rows: Sequence[Row]) -> str:
-    return f", going on behind episode {len(rows)}" if rows else ""
-
-
-class SilentReporter:
-    """Shows nothing."""
-
-    def begin(
-        self,
-        run: RunDirectory,
-        config: RunConfig,
-        rows: Sequence[Row],
-        reset_episodes: Sequence[int],
-    ) -> None:
-        """Nothing."""
-
-    def show(self, rows: Sequence[Row], reset_episodes: Sequence[int]) -> None:
-        """Nothing."""
-
-    def warn(self, message: str) -> None:
-        """Say it all the same, on stderr."""
-        print_warning(message)
-
-    def end(self) -> None:
-        """Nothing."""
-
-
-class _RunningMetrics:
+class _Display(Reporter):
     """What both displays know of the run."""
-
-    def __init__(
-        self, config: RunConfig, rows: Sequence[Row], reset_episodes: Sequence[int]
-    ) -> None:
-        self.config = config
-        self.rows = list(rows)
-        self.resets = list(reset_episodes)
-        self._rows_before = len(rows)
-        self._began = time.monotonic()
-
-    def add(self, rows: Sequence[Row], reset_episodes: Sequence[int]) -> None:
-        self.rows += rows
-        self.resets = list(reset_episodes)
-
-    @property
-    def elapsed_s(self) -> float:
-        return time.monotonic() - self._began
-
-    @property
-    def steps_per_s(self) -> float:
-        """Slots flown per second, those of all worlds together."""
-        slots = self._new_rows * self.config.network.episode_slots
-        return slots / max(self.elapsed_s, 1e-9)
-
-    @property
-    def remaining_s(self) -> float:
-        left = self.config.training.episodes - len(self.rows)
-        return left * self.elapsed_s / max(self._new_rows, 1)
-
-    @property
-    def _new_rows(self) -> int:
-        """Since the run was resumed."""
-        return len(self.rows) - self._rows_before
-
-    def recent_means(self) -> Row:
-        recent = self.rows[-FINAL_EPISODES:]
-        return {name: sum(row[name] for row in recent) / len(recent) for name in recent[0]}
-
-    def reset_state(self) -> str:
-        reset = self.config.reset
-        if not reset.enabled:
-            return "off"
-        if self.resets:
-            episodes = ", ".join(map(str, self.resets))
-            return f"reset at {episodes}; {reset.max_resets - len(self.resets)} left"
-        first = 2 * reset.window
-        if len(self.rows) < first:
-            return f"windows fill until episode {first}"
-        return "watching for a plateau"
-
-
-class LineReporter:
-    """A line every few seconds, for logs."""
 
     def __init__(self, out: Console) -> None:
         self._out = out
@@ -127,48 +46,73 @@ class LineReporter:
         rows: Sequence[Row],
         reset_episodes: Sequence[int],
     ) -> None:
-        """Say where the run is."""
-        self._metrics = _RunningMetrics(config, rows, reset_episodes)
-        self._last_line_s = -_SECONDS_BETWEEN_LINES
-        print_line(self._out, f"run {run.id} in {run.path}{_behind(rows)}")
+        """Take the time, and say which run this is."""
+        self._config = config
+        self._rows, self._resets = list(rows), list(reset_episodes)
+        self._rows_before = len(rows)
+        self._pace = Pace(at_once=True)
+        behind = f", going on behind episode {len(rows)}" if rows else ""
+        print_line(self._out, f"run {self._name(run)}{behind}")
+
+    def _name(self, run: RunDirectory) -> str:
+        return run.id
 
     def show(self, rows: Sequence[Row], reset_episodes: Sequence[int]) -> None:
-        """Print a line if one is due."""
-        known_resets = len(self._metrics.resets)
-        self._metrics.add(rows, list(reset_episodes))
-        for episode in reset_episodes[known_resets:]:
+        """Note the new episodes."""
+        self._rows += rows
+        self._resets = list(reset_episodes)
+
+    @property
+    def _new_rows(self) -> int:
+        """Since the run was resumed."""
+        return len(self._rows) - self._rows_before
+
+    def _steps_per_s(self) -> float:
+        """Slots flown per second, those of all worlds together."""
+        slots = self._new_rows * self._config.network.episode_slots
+        return slots / max(self._pace.elapsed_s, 1e-9)
+
+    def _recent_means(self) -> Row:
+        recent = self._rows[-FINAL_EPISODES:]
+        return {name: sum(row[name] for row in recent) / len(recent) for name in recent[0]}
+
+
+class LineReporter(_Display):
+    """A line every few seconds, for logs."""
+
+    def _name(self, run: RunDirectory) -> str:
+        return f"{run.id} in {run.path}"
+
+    def show(self, rows: Sequence[Row], reset_episodes: Sequence[int]) -> None:
+        """Print a line for every reset, and one of metrics if it is due."""
+        new_resets = reset_episodes[len(self._resets) :]
+        super().show(rows, reset_episodes)
+        for episode in new_resets:
             actor, critic = rows[-1]["actor_lr"], rows[-1]["critic_lr"]
             print_line(
                 self._out,
                 f"episode {episode}: plateau, optimizer reset, learning rates {actor:g} {critic:g}",
             )
-        is_last = len(self._metrics.rows) == self._metrics.config.training.episodes
-        if is_last or self._metrics.elapsed_s - self._last_line_s >= _SECONDS_BETWEEN_LINES:
-            self._last_line_s = self._metrics.elapsed_s
+        is_last = len(self._rows) == self._config.training.episodes
+        if self._pace.is_due() or is_last:
             print_line(self._out, self._line())
 
-    def warn(self, message: str) -> None:
-        """On stderr."""
-        print_warning(message)
-
     def _line(self) -> str:
-        metrics = self._metrics
-        texts = metric_texts(metrics.recent_means())
+        texts = metric_texts(self._recent_means())
         shown = ", ".join(f"{name} {text}" for name, text in texts.items())
+        episodes = self._config.training.episodes
+        left_s = (episodes - len(self._rows)) * self._pace.elapsed_s / max(self._new_rows, 1)
         return (
-            f"episode {len(metrics.rows)}/{metrics.config.training.episodes}: {shown}; "
-            f"{metrics.steps_per_s:.0f} steps/s, {metrics.remaining_s:.0f} s left"
+            f"episode {len(self._rows)}/{episodes}: {shown}; "
+            f"{self._steps_per_s():.0f} steps/s, {left_s:.0f} s left"
         )
 
-    def end(self) -> None:
-        """Nothing more to say."""
 
-
-class LiveReporter:
+class LiveReporter(_Display):
     """A progress bar over a table of metrics, for terminals."""
 
     def __init__(self, out: Console) -> None:
-        self._out = out
+        super().__init__(out)
         print_line(out, "getting ready ...")
 
     def begin(
@@ -179,49 +123,50 @@ class LiveReporter:
         reset_episodes: Sequence[int],
     ) -> None:
         """Open the display."""
-        self._metrics = _RunningMetrics(config, rows, reset_episodes)
-        self._progress = Progress(
-            TextColumn("[bold]episode"),
-            MofNCompleteColumn(),
-            BarColumn(bar_width=None),
-            TextColumn("{task.percentage:.0f} %"),
-            TimeElapsedColumn(),
+        super().begin(run, config, rows, reset_episodes)
+        self._progress = bars(
+            self._out,
             TextColumn("left"),
             TimeRemainingColumn(),
-            console=self._out,
-            expand=True,
+            before=(TextColumn("[bold]episode"), MofNCompleteColumn()),
         )
         self._task = self._progress.add_task(
             "", total=config.training.episodes, completed=len(rows)
         )
-        print_line(self._out, f"run {run.id}{_behind(rows)}")
         self._live = Live(self._progress, console=self._out, refresh_per_second=2)
         self._live.start()
 
     def show(self, rows: Sequence[Row], reset_episodes: Sequence[int]) -> None:
         """Move on."""
-        self._metrics.add(rows, list(reset_episodes))
-        self._progress.update(self._task, completed=len(self._metrics.rows))
+        super().show(rows, reset_episodes)
+        self._progress.update(self._task, completed=len(self._rows))
         self._live.update(Group(self._progress, self._table()))
 
-    def warn(self, message: str) -> None:
-        """Above the display."""
-        print_warning(message)
-
     def _table(self) -> Table:
-        metrics = self._metrics
-        last = metrics.rows[-1]
-        now, recent = metric_texts(last), metric_texts(metrics.recent_means())
+        last = self._rows[-1]
+        now, recent = metric_texts(last), metric_texts(self._recent_means())
         table = Table(box=None, pad_edge=False, header_style="dim")
         table.add_column("")
         table.add_column("last episode", justify="right")
-        table.add_column(f"mean of {min(FINAL_EPISODES, len(metrics.rows))}", justify="right")
+        table.add_column(f"mean of {min(FINAL_EPISODES, len(self._rows))}", justify="right")
         for name, text in now.items():
             table.add_row(name, text, recent[name])
         table.add_row("learning rates", f"{last['actor_lr']:g} / {last['critic_lr']:g}", "")
-        table.add_row("Reset-and-Finetune", metrics.reset_state(), "")
-        table.add_row("steps/s", f"{metrics.steps_per_s:.0f}", "")
+        table.add_row("Reset-and-Finetune", self._reset_state(), "")
+        table.add_row("steps/s", f"{self._steps_per_s():.0f}", "")
         return table
+
+    def _reset_state(self) -> str:
+        reset = self._config.reset
+        if not reset.enabled:
+            return "off"
+        if self._resets:
+            episodes = ", ".join(map(str, self._resets))
+            return f"reset at {episodes}; {reset.max_resets - len(self._resets)} left"
+        first = 2 * reset.window
+        if len(self._rows) < first:
+            return f"windows fill until episode {first}"
+        return "watching for a plateau"
 
     def end(self) -> None:
         """Close the display, leaving its last state."""

@@ -26,11 +26,10 @@ from rich.console import Console
 from orchid_uav.agents import MAPPO, load_policy
 from orchid_uav.cli.console import console, print_table
 from orchid_uav.cli.main import app, main
-from orchid_uav.cli.progress import training as display
 from orchid_uav.experiments import interruption
 from orchid_uav.experiments.configuration import assignment_layer
 from orchid_uav.experiments.evaluation.methods import known_methods
-from orchid_uav.experiments.training import trackers
+from orchid_uav.experiments.training import listeners, trackers
 from orchid_uav.extras import install_command
 from tests.helpers.processes import (
     COLUMNS,
@@ -155,14 +154,14 @@ def train(orchid, runs_dir):
 
 def interrupt_with(monkeypatch, number, at=2):
     """Have the signal arrive after as many episodes."""
-    show = display.SilentReporter.show
+    show = listeners.Reporter.show
 
     def show_and_interrupt(self, rows, reset_episodes):
         show(self, rows, reset_episodes)
         if rows[-1]["episode"] == at:
             signal.raise_signal(number)
 
-    monkeypatch.setattr(display.SilentReporter, "show", show_and_interrupt)
+    monkeypatch.setattr(listeners.Reporter, "show", show_and_interrupt)
 
 
 def until_rows_are_written(process, runs_dir, there_before, rows=3):
@@ -832,7 +831,7 @@ class TestInterruption:
     def test_twice_within_a_second_is_once_and_later_ends_at_once(
         self, train, new_runs, monkeypatch, seconds, is_urgent
     ):
-        show, moments = display.SilentReporter.show, itertools.count(1000.0, seconds)
+        show, moments = listeners.Reporter.show, itertools.count(1000.0, seconds)
         monkeypatch.setattr(interruption, "time", SimpleNamespace(monotonic=moments.__next__))
 
         def interrupt_twice(self, rows, reset_episodes):
@@ -840,7 +839,7 @@ class TestInterruption:
             signal.raise_signal(signal.SIGINT)
             signal.raise_signal(signal.SIGINT)
 
-        monkeypatch.setattr(display.SilentReporter, "show", interrupt_twice)
+        monkeypatch.setattr(listeners.Reporter, "show", interrupt_twice)
         finished = train("--quiet", "--episodes=9")
         assert finished.code == 130
         assert "Traceback" not in finished.err

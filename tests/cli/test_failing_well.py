@@ -23,12 +23,11 @@ import pytest
 import safetensors.numpy
 
 from orchid_uav import notices
-from orchid_uav.cli.progress import training as display
 from orchid_uav.experiments.evaluation.methods import read_policy
 from orchid_uav.experiments.runs import directory as run_directory
 from orchid_uav.experiments.runs.directory import RunDirectory
 from orchid_uav.experiments.runs.records import read_record, status_of
-from orchid_uav.experiments.training import checkpoints, trackers
+from orchid_uav.experiments.training import checkpoints, listeners, trackers
 from orchid_uav.experiments.training import loop as training
 from orchid_uav.storage.files import sync_directory, write_atomically
 from tests.helpers.processes import (
@@ -102,7 +101,7 @@ def at_episode(monkeypatch):
     """Calls have something done when so many episodes are written, once."""
 
     def arrange(episode: int, act: Callable[[], None]) -> None:
-        show = display.SilentReporter.show
+        show = listeners.Reporter.show
         left = [act]
 
         def show_and_act(self, rows, reset_episodes):
@@ -110,7 +109,7 @@ def at_episode(monkeypatch):
             if rows[-1]["episode"] == episode and left:
                 left.pop()()
 
-        monkeypatch.setattr(display.SilentReporter, "show", show_and_act)
+        monkeypatch.setattr(listeners.Reporter, "show", show_and_act)
 
     return arrange
 

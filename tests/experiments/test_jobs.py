@@ -16,11 +16,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from orchid_uav.cli.progress import jobs as jobs_display
+from orchid_uav.cli.progress import displays
 from orchid_uav.cli.progress.jobs import (
     LineJobProgress,
     LiveJobProgress,
-    SilentJobProgress,
     duration_text,
     job_progress,
 )
@@ -28,12 +27,12 @@ from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.jobs import local_processes as jobs_module
 from orchid_uav.experiments.jobs.child_process import describe_end
 from orchid_uav.experiments.jobs.local_processes import (
-    Job,
     JobEnd,
+    JobProgress,
     LocalProcesses,
     Overview,
-    Workload,
 )
+from orchid_uav.experiments.jobs.workload import Job, Workload
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals and sessions are POSIX")
 
@@ -88,9 +87,9 @@ def command(directory, name, code):
 def make(tmp_path):
     """Makes a job of Python code, which finds ``here``, ``name``, ``write`` and ``count``."""
 
-    def job(name, code, share=lambda: 0.0, cost=1.0):
+    def job(name, code, fraction_done=lambda: 0.0, cost=1.0):
         log = tmp_path / "logs" / f"{name}.log"
-        return Job(name, command(tmp_path, name, code), log, share, cost)
+        return Job(name, command(tmp_path, name, code), log, fraction_done, cost)
 
     return job
 
@@ -111,7 +110,7 @@ def _heeded_interrupts():
     signal.signal(signal.SIGINT, before)
 
 
-class Recorder(SilentJobProgress):
+class Recorder(JobProgress):
     """Notes what it is told; ``on_update`` is called with every overview."""
 
     def __init__(self, on_update=lambda overview: None):
@@ -228,12 +227,12 @@ class TestEnds:
     def test_a_command_that_cannot_be_started_has_failed(self, make, tmp_path):
         (tmp_path / "logs" / "taken.log").mkdir(parents=True)
         (tmp_path / "data").write_text("no program")
-        share = float
+        fraction_done = float
         ends = run(
             [
-                Job("nowhere", ("no-such-command", "x"), tmp_path / "nowhere.log", share),
-                Job("data", (str(tmp_path / "data"),), tmp_path / "data.log", share),
-                Job("null", ("a\0b",), tmp_path / "null.log", share),
+                Job("nowhere", ("no-such-command", "x"), tmp_path / "nowhere.log", fraction_done),
+                Job("data", (str(tmp_path / "data"),), tmp_path / "data.log", fraction_done),
+                Job("null", ("a\0b",), tmp_path / "null.log", fraction_done),
                 make("taken", "pass"),
                 make("good", "pass"),
             ]
@@ -266,7 +265,13 @@ class TestEnds:
 
     @pytest.mark.parametrize("change", [{"command": ()}, {"cost": 0.0}, {"cost": float("nan")}])
     def test_a_job_that_cannot_be_is_refused(self, tmp_path, change):
-        good = {"name": "a", "command": ("x",), "log": tmp_path, "share": float, "cost": 1.0}
+        good = {
+            "name": "a",
+            "command": ("x",),
+            "log": tmp_path,
+            "fraction_done": float,
+            "cost": 1.0,
+        }
         Job(**good)
         with pytest.raises(ValueError, match="job 'a'"):
             Job(**good | change)
@@ -400,7 +405,7 @@ class TestShares:
     def test_that_cannot_be_told_stop_nothing(self, make):
         answers = iter([0.25, 0.5, OSError(), float("nan"), "x", None])
 
-        def share():
+        def fraction_done():
             answer = next(answers)  # StopIteration at the end
             if isinstance(answer, Exception):
                 raise answer
@@ -408,22 +413,22 @@ class TestShares:
 
         progress = Recorder()
         jobs = [
-            make("broken", "time.sleep(0.8)", share),
+            make("broken", "time.sleep(0.8)", fraction_done),
             make("too-much", "time.sleep(0.2)", lambda: 7.0),
             make("too-little", "time.sleep(0.2)", lambda: -3.0),
         ]
         ends = run(jobs, processes=3, progress=progress)
         assert [end.status for end in ends] == ["completed"] * 3
         seen = [
-            [share for job, share in overview.running if job.name == "broken"]
+            [fraction_done for job, fraction_done in overview.running if job.name == "broken"]
             for overview in progress.overviews
         ]
         # The first answer was for what had been done before.
         assert [one for one in seen if one][:5] == [[0.5]] * 5
         assert {
-            (job.name, share)
+            (job.name, fraction_done)
             for overview in progress.overviews
-            for job, share in overview.running
+            for job, fraction_done in overview.running
             if job.name != "broken"
         } == {("too-much", 1.0), ("too-little", 0.0)}
 
@@ -445,17 +450,17 @@ class TestShares:
         run(jobs, processes=3, progress=progress)
         first = progress.overviews[0]
         second = next(overview for overview in progress.overviews if overview.failed)
-        assert first.share == pytest.approx((3.0 * 0.5 + 1.0 * 0.25) / 8.0)
+        assert first.fraction_done == pytest.approx((3.0 * 0.5 + 1.0 * 0.25) / 8.0)
         assert (first.completed, first.failed) == (0, 0)
         # What has failed is over, too.
-        assert second.share == pytest.approx((3.0 * 0.5 + 1.0 * 0.25 + 4.0) / 8.0)
+        assert second.fraction_done == pytest.approx((3.0 * 0.5 + 1.0 * 0.25 + 4.0) / 8.0)
         assert (second.completed, second.failed) == (0, 1)
         assert second.running == [(jobs[0], 0.5), (jobs[1], 0.25)]
 
 
-def workload(costs, shares, processes):
-    """A workload whose shares are read from a list that a test changes."""
-    now = list(shares)
+def workload(costs, fractions, processes):
+    """A workload whose fractions are read from a list that a test changes."""
+    now = list(fractions)
     jobs = [
         Job(str(index), ("x",), Path("log"), lambda index=index: now[index], cost)
         for index, cost in enumerate(costs)
@@ -466,44 +471,44 @@ def workload(costs, shares, processes):
 class TestTimeLeft:
     def test_counts_only_what_was_done_since_the_beginning(self):
         # Two of four jobs were complete, a third half done. In 30 s that one has done 30 % more.
-        load, shares = workload([1, 1, 1, 1], [1.0, 1.0, 0.5, 0.0], processes=1)
-        shares[2] = 0.8
+        load, fractions = workload([1, 1, 1, 1], [1.0, 1.0, 0.5, 0.0], processes=1)
+        fractions[2] = 0.8
         load.look([2])
-        assert load.share == pytest.approx(2.8 / 4)
+        assert load.fraction_done == pytest.approx(2.8 / 4)
         # 100 s a job: 20 s for the rest of this one, and 100 s for the next. That the complete
         # ones took 8 s each to say so tells nothing.
         left_s = load.seconds_left([2], [8.0, 8.0, 30.0, 0.0])
         assert left_s == pytest.approx(120.0)
 
     def test_knows_that_the_last_job_runs_alone(self):
-        load, shares = workload([1, 1, 1], [0.0, 0.0, 0.0], processes=2)
-        shares[:] = [0.5, 0.5, 0.0]
+        load, fractions = workload([1, 1, 1], [0.0, 0.0, 0.0], processes=2)
+        fractions[:] = [0.5, 0.5, 0.0]
         load.look([0, 1])
         # 100 s a job and two at once: 50 s for both, 100 s for the third with an idle process.
         assert load.seconds_left([0, 1], [50.0, 50.0, 0.0]) == pytest.approx(150.0)
 
     def test_is_not_told_before_a_tenth_of_a_job(self):
-        load, shares = workload([1, 3], [0.5, 0.0], processes=1)  # 2 on average
-        shares[0] = 0.69
+        load, fractions = workload([1, 3], [0.5, 0.0], processes=1)  # 2 on average
+        fractions[0] = 0.69
         load.look([0])
         assert load.seconds_left([0], [19.0, 0.0]) is None
-        shares[0] = 0.71
+        fractions[0] = 0.71
         load.look([0])
         assert load.seconds_left([0], [21.0, 0.0]) == pytest.approx(29.0 + 300.0)
 
     def test_does_not_wait_for_what_has_failed(self):
-        load, shares = workload([1, 1], [0.0, 0.0], processes=1)
-        shares[:] = [0.5, 0.5]
+        load, fractions = workload([1, 1], [0.0, 0.0], processes=1)
+        fractions[:] = [0.5, 0.5]
         load.look([0, 1])
         load.end(0, is_complete=False)
-        assert load.share == 0.75
+        assert load.fraction_done == 0.75
         assert load.seconds_left([1], [50.0, 50.0]) == pytest.approx(50.0)
         load.end(1, is_complete=True)
-        assert (load.share, load.seconds_left([], [50.0, 100.0])) == (1.0, 0.0)
+        assert (load.fraction_done, load.seconds_left([], [50.0, 100.0])) == (1.0, 0.0)
 
     def test_of_nothing_is_none_left(self):
         load, _ = workload([], [], processes=2)
-        assert (load.share, load.seconds_left([], [])) == (1.0, 0.0)
+        assert (load.fraction_done, load.seconds_left([], [])) == (1.0, 0.0)
 
     @given(
         works=st.lists(
@@ -525,12 +530,12 @@ class TestTimeLeft:
             free[process] += cost * (1.0 - first) * pace
             spans.append((begin_s, free[process]))
         now_s = when * max(free)
-        load, shares = workload(
+        load, fractions = workload(
             [cost for cost, _ in works], [first for _, first in works], processes
         )
         seconds = [min(max(now_s - begin_s, 0.0), end_s - begin_s) for begin_s, end_s in spans]
         for index, (cost, first) in enumerate(works):
-            shares[index] = min(first + seconds[index] / (cost * pace), 1.0)
+            fractions[index] = min(first + seconds[index] / (cost * pace), 1.0)
         running = []
         for index, (begin_s, end_s) in enumerate(spans):
             load.look([index])
@@ -541,7 +546,8 @@ class TestTimeLeft:
         left_s = load.seconds_left(running, seconds)
         if left_s is None:
             done = sum(
-                cost * (share - first) for (cost, first), share in zip(works, shares, strict=True)
+                cost * (fraction_done - first)
+                for (cost, first), fraction_done in zip(works, fractions, strict=True)
             )
             assert done <= 0.1 * sum(cost for cost, _ in works) / len(works) + 1e-9
         else:
@@ -551,7 +557,6 @@ class TestTimeLeft:
 PARENT = """
 import os, sys
 from pathlib import Path
-from orchid_uav.cli.progress.jobs import SilentJobProgress
 from orchid_uav.experiments.jobs import local_processes as jobs
 here = Path(sys.argv[1])
 jobs.usable_cores = lambda: 4
@@ -562,7 +567,7 @@ ends = executor.run(
                  here / f"{name}.log", float)
         for name in ("first", "second", "third")
     ],
-    SilentJobProgress(),
+    jobs.JobProgress(),
 )
 for end in ends:
     print(end.job.name, end.status, end.code, end.tries, end.error, sep="|")
@@ -668,9 +673,9 @@ class TestStopping:
                 signal.raise_signal(signal.SIGINT)
 
         progress = Recorder(stop)
-        shares = iter([0.0])
+        fractions = iter([0.0])
         executor = LocalProcesses(2)
-        ends = executor.run([make("last", last, lambda: next(shares, 0.5))], progress)
+        ends = executor.run([make("last", last, lambda: next(fractions, 0.5))], progress)
         assert [end.status for end in ends] == ["completed"]
         assert executor.was_stopped
         assert ("stopping", 1) in progress.calls
@@ -679,7 +684,7 @@ class TestStopping:
         assert left == [False] * left.count(False) + [True] * left.count(True)
         assert set(left) == {False, True}
         assert signal.getsignal(signal.SIGINT) is handler
-        executor.run([make("next", "pass")], SilentJobProgress())
+        executor.run([make("next", "pass")], JobProgress())
         assert not executor.was_stopped
 
     def test_begins_no_job_even_in_the_middle_of_beginning_some(self, make, tmp_path):
@@ -798,7 +803,7 @@ class TestDisplays:
         ]
 
     def test_a_log_has_a_line_for_every_end(self, make, monkeypatch):
-        monkeypatch.setattr(jobs_display, "_SECONDS_BETWEEN_LINES", 0.0)
+        monkeypatch.setattr(displays, "SECONDS_BETWEEN_LINES", 0.0)
         file = io.StringIO()
         jobs = self.jobs(make)
         run(jobs, processes=3, progress=LineJobProgress(Console(file=file, soft_wrap=True)))
@@ -827,7 +832,7 @@ class TestDisplays:
 
     @pytest.mark.parametrize("display", [LineJobProgress, LiveJobProgress])
     def test_tells_the_time_left_and_who_saves(self, make, monkeypatch, display):
-        monkeypatch.setattr(jobs_display, "_SECONDS_BETWEEN_LINES", 0.0)
+        monkeypatch.setattr(displays, "SECONDS_BETWEEN_LINES", 0.0)
         file = io.StringIO()
         progress = display(Console(file=file, force_terminal=True, width=100, color_system=None))
         job = make("a", "pass")
@@ -858,7 +863,7 @@ class TestDisplays:
     def test_suit_the_console(self):
         terminal = Console(file=io.StringIO(), force_terminal=True)
         assert isinstance(job_progress(terminal, quiet=False), LiveJobProgress)
-        assert isinstance(job_progress(terminal, quiet=True), SilentJobProgress)
+        assert type(job_progress(terminal, quiet=True)) is JobProgress
         assert isinstance(job_progress(Console(file=io.StringIO()), quiet=False), LineJobProgress)
 
     def test_write_durations_in_hours(self):

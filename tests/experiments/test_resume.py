@@ -22,7 +22,6 @@ from safetensors.numpy import load_file
 
 from orchid_uav.agents import MADDPG, MAPPO
 from orchid_uav.cli.main import main
-from orchid_uav.cli.progress import training as display
 from orchid_uav.envs.interfaces.sb3_vec_env import FleetVecEnv
 from orchid_uav.experiments import provenance
 from orchid_uav.experiments.errors import InputError, RunFailedError
@@ -30,6 +29,7 @@ from orchid_uav.experiments.evaluation.methods import read_policy
 from orchid_uav.experiments.interruption import Interruption
 from orchid_uav.experiments.runs.directory import RunDirectory
 from orchid_uav.experiments.runs.records import read_config, read_record, status_of
+from orchid_uav.experiments.training import listeners
 from orchid_uav.experiments.training import loop as training
 from orchid_uav.experiments.training.checkpoints import CheckpointStore
 from orchid_uav.experiments.training.trackers import open_tracker
@@ -764,14 +764,14 @@ class TestCommand:
     def test_is_what_an_interrupted_run_prints_and_what_really_goes_on(
         self, runs_dir, new_runs, orchid, monkeypatch, number, where
     ):
-        show = display.SilentReporter.show
+        show = listeners.Reporter.show
 
         def show_and_interrupt(self, rows, reset_episodes):
             show(self, rows, reset_episodes)
             if rows[-1]["episode"] in {3, 5}:
                 signal.raise_signal(number)
 
-        monkeypatch.setattr(display.SilentReporter, "show", show_and_interrupt)
+        monkeypatch.setattr(listeners.Reporter, "show", show_and_interrupt)
         arguments = ["train", *TINY_FLAGS, "--episodes=7", "--quiet"]
         if where == "--runs-dir":
             finished = orchid(*arguments, "--runs-dir", runs_dir)

@@ -280,15 +280,15 @@ class TestJob:
         assert finished.stderr.startswith("error: "), finished.stderr
         assert "lab-s0.json is no order of a training job" in finished.stderr
 
-    def test_its_share_grows_with_its_episodes(self, make, tmp_path, monkeypatch):
-        job, shares = make(), []
-        share = job.as_job(tmp_path).share
-        assert share() == 0.0
-        monkeypatch.setattr(training_job._Log, "begin", lambda *given: shares.append(share()))
-        monkeypatch.setattr(training_job._Log, "show", lambda *given: shares.append(share()))
+    def test_what_is_done_of_it_grows_with_its_episodes(self, make, tmp_path, monkeypatch):
+        job, seen = make(), []
+        fraction_done = job.as_job(tmp_path).fraction_done
+        assert fraction_done() == 0.0
+        monkeypatch.setattr(training_job._Log, "begin", lambda *given: seen.append(fraction_done()))
+        monkeypatch.setattr(training_job._Log, "show", lambda *given: seen.append(fraction_done()))
         run_one(job)
-        assert shares == pytest.approx([done / 6 for done in range(7)])
-        assert job.as_job(tmp_path).share() == 1.0
+        assert seen == pytest.approx([done / 6 for done in range(7)])
+        assert job.as_job(tmp_path).fraction_done() == 1.0
 
     @pytest.mark.parametrize(
         "content", ["{", "[]", "{}", '{"name": "a", "config": {"reset": 3}}', None]
@@ -325,11 +325,11 @@ class TestProcess:
         job, by_hand = make("endless", episodes=100_000), make("by-hand", episodes=3)
         child = process(job, is_job=True, stdin=subprocess.PIPE)
         other = process(by_hand, is_job=False, stdin=subprocess.DEVNULL)
-        share = training_job._Share(job)
+        fraction_done = training_job._FractionDone(job)
 
         def has_begun():
             with suppress(OSError):
-                return share() > 0.0
+                return fraction_done() > 0.0
 
         until(has_begun, child)
         child.stdin.close()

@@ -28,6 +28,7 @@ from orchid_uav.experiments.errors import RunFailedError
 from orchid_uav.experiments.runs.directory import RunDirectory
 from orchid_uav.experiments.training import loop as training
 from orchid_uav.experiments.training import tracker_process, trackers
+from orchid_uav.experiments.training.listeners import Reporter, Tracker
 from orchid_uav.experiments.training.trackers import SafeTracker, open_tracker
 from tests.helpers.processes import (
     COLUMNS,
@@ -58,7 +59,7 @@ STOPPING = [
 ]
 
 
-class Watcher:
+class Watcher(Reporter):
     """A reporter that calls a function after each update."""
 
     def __init__(self, on_show=lambda watcher: None, on_begin=lambda: None):
@@ -80,7 +81,7 @@ class Watcher:
         self.ended = True
 
 
-class Trail:
+class Trail(Tracker):
     """A tracker that remembers what it is told."""
 
     def __init__(self):
@@ -168,6 +169,13 @@ class TestDirectory:
             for name, text in zip(header, row, strict=True):
                 assert bool(re.fullmatch(r"\d+", text)) == (name in WHOLE_NUMBERS), f"{name} {text}"
                 assert math.isfinite(float(text))
+
+    def test_a_reporter_that_is_no_display_tells_nothing_but_warnings(self, train, capfd):
+        silent = Reporter()
+        assert train(tiny_config(2), reporter=silent).status == "completed"
+        assert capfd.readouterr() == ("", "")
+        silent.warn("the disk is nearly full")
+        assert capfd.readouterr() == ("", "warning: the disk is nearly full\n")
 
     def test_log_lies_within_what_its_columns_can_be(self, train):
         logged = columns(train(tiny_config(5)).run.path)

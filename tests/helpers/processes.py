@@ -19,6 +19,7 @@ from typing import Any
 import pytest
 
 from orchid_uav.experiments.configuration import Layer, RunConfig, merge
+from orchid_uav.experiments.training.listeners import Reporter
 
 TINY = {
     "network.uav_count": 2,
@@ -158,7 +159,7 @@ def without_privileges() -> Iterator[None]:
         assert library.capset(header, sets) == 0, os.strerror(ctypes.get_errno())
 
 
-class Audience:
+class Audience(Reporter):
     """A reporter that remembers what it is told, and calls a function after each update.
 
     Args:
@@ -180,9 +181,6 @@ class Audience:
 
     def warn(self, message: str) -> None:
         self.warnings.append(message)
-
-    def end(self) -> None:
-        pass
 
 
 def learned_files(directory: Path) -> tuple[bytes, bytes]:

@@ -1,0 +1,115 @@
+"""Jobs, how much of them is done, and how long the rest will take."""
+
+import heapq
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+_FIRST_ESTIMATE = 0.1
+"""Of an average job; less work than that tells nothing of the pace."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """A process to be run, which goes on where it stopped when it is run again.
+
+    Raises:
+        ValueError: an empty command, or a cost that is not positive.
+    """
+
+    name: str
+    command: tuple[str, ...]
+    log: Path
+    """What the process prints is appended there."""
+    fraction_done: Callable[[], float]
+    """How much of the job is done, 0 to 1. Asked twice a second; errors in it are passed over."""
+    cost: float = 1.0
+    """How long the whole job takes, relative to others."""
+
+    def __post_init__(self) -> None:
+        if not self.command:
+            raise ValueError(f"job '{self.name}' has an empty command")
+        if not 0.0 < self.cost < math.inf:
+            raise ValueError(f"job '{self.name}' costs {self.cost}: a positive number is possible")
+
+
+class Workload:
+    """How much of all jobs is done, and how long the rest will take.
+
+    What was done before this began counts for what is done, and never for the pace.
+
+    Args:
+        jobs: all of them, in the order in which they begin.
+        processes: how many run at once.
+    """
+
+    def __init__(self, jobs: Sequence[Job], processes: int) -> None:
+        self._jobs = jobs
+        self._processes = processes
+        self.fractions = [_asked(job, otherwise=0.0) for job in jobs]
+        """How much of each job is done, 0 to 1."""
+        self._first_fractions = tuple(self.fractions)
+        self._ended: set[int] = set()
+
+    def look(self, indices: Iterable[int]) -> None:
+        """Ask these jobs how far they are."""
+        for index in indices:
+            self.fractions[index] = _asked(self._jobs[index], otherwise=self.fractions[index])
+
+    def end(self, index: int, is_complete: bool) -> None:
+        """Nothing is left to do of this job."""
+        self._ended.add(index)
+        if is_complete:
+            self.fractions[index] = 1.0
+
+    @property
+    def fraction_done(self) -> float:
+        """How much of all jobs is over, by cost, 0 to 1."""
+        return 1.0 - sum(self._left()) / self._total if self._jobs else 1.0
+
+    def seconds_left(self, running: Sequence[int], seconds: Sequence[float]) -> float | None:
+        """How long it takes until all jobs have ended; None where nothing can be said yet.
+
+        Args:
+            running: indices of the jobs that are running.
+            seconds: for how long each job has been running, (jobs,).
+        """
+        left = self._left()
+        if not any(left):
+            return 0.0
+        work = busy_s = 0.0
+        for job, now, first, job_s in zip(
+            self._jobs, self.fractions, self._first_fractions, seconds, strict=True
+        ):
+            if first < 1.0:  # a job that was complete takes its time to say so
+                work += job.cost * max(now - first, 0.0)
+                busy_s += job_s
+        if work <= 0.0 or work < _FIRST_ESTIMATE * self._total / len(self._jobs):
+            return None
+        # Each waiting job goes to the process that is free first: at the end some have none.
+        free = sorted([left[index] for index in running])
+        free = [0.0] * max(self._processes - len(free), 0) + free
+        for index, cost in enumerate(left):
+            if index not in running:
+                heapq.heapreplace(free, free[0] + cost)
+        return max(free) * busy_s / work
+
+    @property
+    def _total(self) -> float:
+        return sum(job.cost for job in self._jobs)
+
+    def _left(self) -> list[float]:
+        """What is left of each job, in its cost."""
+        return [
+            0.0 if index in self._ended else job.cost * (1.0 - self.fractions[index])
+            for index, job in enumerate(self._jobs)
+        ]
+
+
+def _asked(job: Job, otherwise: float) -> float:
+    try:
+        fraction_done = float(job.fraction_done())
+    except Exception:  # it may read a file that is just being written
+        return otherwise
+    return otherwise if math.isnan(fraction_done) else min(max(fraction_done, 0.0), 1.0)
