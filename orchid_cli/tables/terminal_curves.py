@@ -1,8 +1,7 @@
 """Learning curves drawn with characters, for terminals."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from itertools import pairwise
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 from rich.cells import cell_len
@@ -15,9 +14,8 @@ SAMPLES = 10
 _COLOURS = ("#56B4E9", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#F0E442", "#0072B2")
 _LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
 _LEAST_COLUMNS = 12
-_BRAILLE = 0x2800
 _DOTS = ((0x01, 0x08), (0x02, 0x10), (0x04, 0x20), (0x40, 0x80))
-"""Bits of the dots of a braille character, by row and column."""
+"""What the dots of a braille character add to the empty one, by row and column."""
 
 
 class Line(NamedTuple):
@@ -27,19 +25,6 @@ class Line(NamedTuple):
     episodes: Sequence[float]
     values: Sequence[float]
     """Scaled as shown; those that are not finite leave a gap."""
-
-
-class Pens(NamedTuple):
-    """What a plot is drawn with."""
-
-    vertical: str
-    corner: str
-    horizontal: str
-    uses_braille: bool
-
-
-_UNICODE = Pens("┤", "└", "─", uses_braille=True)
-_ASCII = Pens("|", "+", "-", uses_braille=False)
 
 
 def can_show_braille(encoding: str) -> bool:
@@ -73,33 +58,35 @@ def terminal_curves(
         Lines of at most ``width`` characters, unless that leaves the plot less than 12 beside its
         axis; a plain sentence where there is nothing to draw.
     """
-    points = [_finite_points(line) for line in lines]
-    everything = [point for one in points for point in one]
-    if not everything:
-        return [Text(f"{heading}: nothing to draw")]
-    pens = _UNICODE if braille else _ASCII
-    low, high = _bounds([value for _, value in everything])
-    last = max(2.0, *(episode for episode, _ in everything))
-    marks = [f"{high - (high - low) * row / (height - 1):.{digits}f}" for row in range(height)]
-    margin = max(map(len, marks))
-    across = max(width - margin - 2, _LEAST_COLUMNS)
-    draw = _draw_braille if pens.uses_braille else _draw_letters
-    rows = draw([_placed(one, last, low, high) for one in points], across, height)
-    plot = [Text(heading, style="bold")]
-    for number, (mark, row) in enumerate(zip(marks, rows, strict=True)):
-        shown = mark if number in (0, height // 2, height - 1) else ""
-        plot.append(Text(f"{shown:>{margin}} {pens.vertical}").append_text(row))
-    plot.append(Text(" " * (margin + 1) + pens.corner + pens.horizontal * across))
-    plot.append(Text(" " * (margin + 2) + _episode_axis(last, across)))
-    return [*plot, *_legend([line.name for line in lines], width, pens.uses_braille)]
-
-
-def _finite_points(line: Line) -> list[tuple[float, float]]:
-    return [
-        (float(episode), float(value))
+    finite = [
+        (episode, value)
+        for line in lines
         for episode, value in zip(line.episodes, line.values, strict=True)
         if math.isfinite(value)
     ]
+    if not finite:
+        return [Text(f"{heading}: nothing to draw")]
+    low, high = _bounds([value for _, value in finite])
+    last = max(2.0, *(episode for episode, _ in finite))
+    marks = [f"{high - (high - low) * row / (height - 1):.{digits}f}" for row in range(height)]
+    margin = max(map(len, marks))
+    across = max(width - margin - 2, _LEAST_COLUMNS)
+    # From 0 to 1, left to right and top to bottom.
+    placed = [
+        [
+            ((episode - 1.0) / (last - 1.0), (high - value) / (high - low))
+            for episode, value in zip(line.episodes, line.values, strict=True)
+        ]
+        for line in lines
+    ]
+    vertical, corner, horizontal = "┤└─" if braille else "|+-"
+    plot = [Text(heading, style="bold")]
+    for number, row in enumerate(_drawn(placed, across, height, braille)):
+        mark = marks[number] if number in (0, height // 2, height - 1) else ""
+        plot.append(Text(f"{mark:>{margin}} {vertical}").append_text(row))
+    plot.append(Text(" " * (margin + 1) + corner + horizontal * across))
+    plot.append(Text(" " * (margin + 2) + _episode_axis(last, across)))
+    return [*plot, *_legend([line.name for line in lines], width, braille)]
 
 
 def _bounds(values: Sequence[float]) -> tuple[float, float]:
@@ -108,66 +95,49 @@ def _bounds(values: Sequence[float]) -> tuple[float, float]:
     return (low, high) if low < high else (low - room, high + room)
 
 
-def _placed(
-    points: Sequence[tuple[float, float]], last: float, low: float, high: float
-) -> list[tuple[float, float]]:
-    """From 0 to 1, left to right and top to bottom."""
-    return [
-        ((episode - 1.0) / (last - 1.0), (high - value) / (high - low)) for episode, value in points
-    ]
-
-
-def _draw_braille(
-    curves: Sequence[Sequence[tuple[float, float]]], across: int, height: int
+def _drawn(
+    curves: Sequence[Sequence[tuple[float, float]]], across: int, height: int, braille: bool
 ) -> list[Text]:
-    """Two by four dots a character, in the colour of the curve in front."""
+    """Rows of characters: two by four dots each, or letters.
+
+    Dots have the colour of the first curve there; letters take turns where curves meet.
+    """
+    wide, tall = (2, 4) if braille else (1, 1)
     dots = [[0] * across for _ in range(height)]
     owners = [[-1] * across for _ in range(height)]
-    for number, points in reversed(list(enumerate(curves))):
-        for x, y in _strokes(points, 2 * across, 4 * height):
-            dots[y // 4][x // 2] |= _DOTS[y % 4][x % 2]
-            owners[y // 4][x // 2] = number
-    return _coloured(
-        lambda row, column: chr(_BRAILLE + dots[row][column]) if dots[row][column] else " ", owners
-    )
-
-
-def _draw_letters(
-    curves: Sequence[Sequence[tuple[float, float]]], across: int, height: int
-) -> list[Text]:
-    """A letter a column; where curves meet, they take turns."""
-    owners = [[-1] * across for _ in range(height)]
     for number, points in enumerate(curves):
-        for x, y in _strokes(points, across, height):
-            if owners[y][x] < 0 or x % len(curves) == number:
-                owners[y][x] = number
-    return _coloured(
-        lambda row, column: _letter(owners[row][column]) if owners[row][column] >= 0 else " ",
-        owners,
-    )
-
-
-def _coloured(character: Callable[[int, int], str], owners: Sequence[Sequence[int]]) -> list[Text]:
-    rows = []
-    for row, numbers in enumerate(owners):
-        text = Text()
-        for column, number in enumerate(numbers):
-            text.append(character(row, column), style=_colour(number) if number >= 0 else "")
-        rows.append(text)
-    return rows
+        for x, y in _strokes(points, wide * across, tall * height):
+            row, column = y // tall, x // wide
+            dots[row][column] |= _DOTS[y % tall][x % wide]
+            if owners[row][column] < 0 or (not braille and x % len(curves) == number):
+                owners[row][column] = number
+    return [
+        Text.assemble(
+            *(
+                (chr(0x2800 + dot) if braille else _letter(owner), _colour(owner)) if dot else " "
+                for dot, owner in zip(row, numbers, strict=True)
+            )
+        )
+        for row, numbers in zip(dots, owners, strict=True)
+    ]
 
 
 def _strokes(
     points: Sequence[tuple[float, float]], across: int, down: int
 ) -> Iterator[tuple[int, int]]:
-    """Cells on the way from each point to the next."""
-    cells = [(round(x * (across - 1)), round(y * (down - 1))) for x, y in points]
-    yield from cells[:1]
-    for (left, top), (right, bottom) in pairwise(cells):
+    """Cells on the way from each point to the next, unless one of them is no number."""
+    before = None
+    for x, y in points:
+        if not math.isfinite(y):
+            before = None
+            continue
+        right, bottom = round(x * (across - 1)), round(y * (down - 1))
+        left, top = before or (right, bottom)
         steps = max(abs(right - left), abs(bottom - top), 1)
-        for step in range(1, steps + 1):
+        for step in range(steps + 1):
             share = step / steps
             yield round(left + (right - left) * share), round(top + (bottom - top) * share)
+        before = right, bottom
 
 
 def _episode_axis(last: float, across: int) -> str:
@@ -179,10 +149,10 @@ def _episode_axis(last: float, across: int) -> str:
     return f"{left}{title:^{max(room, 1)}}{end}"
 
 
-def _legend(names: Sequence[str], width: int, uses_braille: bool) -> list[Text]:
+def _legend(names: Sequence[str], width: int, braille: bool) -> list[Text]:
     rows = [Text()]
     for number, name in enumerate(names):
-        sample = "━━" if uses_braille else _letter(number)
+        sample = "━━" if braille else _letter(number)
         entry = Text(sample, style=_colour(number)).append(f" {name}", style="default")
         if rows[-1] and cell_len(rows[-1].plain) + 3 + cell_len(entry.plain) > width:
             rows.append(Text())
@@ -203,15 +173,16 @@ def sampled_table(lines: Sequence[Line], digits: int = 3) -> tuple[list[str], li
 
     The episodes are spread evenly up to the last of the longest curve.
     """
-    longest = max((len(line.episodes) for line in lines), default=0)
-    places = sorted({math.ceil(longest * part / SAMPLES) for part in range(1, SAMPLES + 1)} - {0})
-    reference = max(lines, key=lambda line: len(line.episodes), default=None)
-    rows = []
-    for place in places:
-        assert reference is not None
-        cells = [
-            f"{line.values[place - 1]:.{digits}f}" if place <= len(line.values) else "-"
-            for line in lines
+    episodes = max((line.episodes for line in lines), key=len, default=())
+    places = {math.ceil(len(episodes) * part / SAMPLES) for part in range(1, SAMPLES + 1)}
+    rows = [
+        [
+            f"{episodes[place - 1]:.0f}",
+            *(
+                f"{line.values[place - 1]:.{digits}f}" if place <= len(line.values) else "-"
+                for line in lines
+            ),
         ]
-        rows.append([f"{reference.episodes[place - 1]:.0f}", *cells])
+        for place in sorted(places - {0})
+    ]
     return ["episode", *(line.name for line in lines)], rows

@@ -525,6 +525,11 @@ class TestTerminal:
         shown = plot([line([0.5] * 9)], height=5, braille=False)
         assert "A" in shown[3] and not any("A" in shown[row] for row in (1, 2, 4, 5))
 
+    @pytest.mark.parametrize("hole", [math.nan, math.inf, -math.inf])
+    def test_what_is_no_number_leaves_a_gap(self, hole):
+        shown = plot([line([1.0, 1.0, hole, 1.0, 1.0])], 20, height=3, digits=1, braille=False)
+        assert shown[1:4] == ["1.5 |" + " " * 15, "1.0 |AAAAA     AAAAA", "0.5 |" + " " * 15]
+
     def test_axes_tell_the_greatest_and_least_value_and_the_last_episode(self):
         shown = plot([line([0.25, 0.75] * 100)], width=80)
         assert shown[1].startswith("0.750 ┤")
