@@ -18,7 +18,7 @@ from orchid_uav.experiments.metrics import UNBREAKABLE
 
 FAILED, WRONG_INPUT, INTERRUPTED = 1, 2, 130
 """Exit codes besides 0."""
-_GAP = 2
+GAP = 2
 """Spaces between the columns of a table."""
 _LEAST_TEXT = 20
 """Columns of a terminal for which a text stays beside the other columns of its table."""
@@ -104,7 +104,7 @@ def print_table(
 def _wrapped(table: Sequence[Sequence[str]], room: int) -> list[str]:
     """The last column, its cells broken between words so that it fits, if it can."""
     *others, (heading, *cells) = table
-    beside = [_least_width(column) + _GAP for column in others]
+    beside = [least_width(column) + GAP for column in others]
     left = room - sum(beside)
     if left < _LEAST_TEXT:  # it goes into a table of its own
         left = max(room - sum(beside[:1]), _LEAST_TEXT)
@@ -114,18 +114,18 @@ def _wrapped(table: Sequence[Sequence[str]], room: int) -> list[str]:
 def _parts(table: Sequence[list[str]], room: int) -> Iterator[list[list[str]]]:
     """Columns that fit side by side, the first of all before each group of them."""
     first, *others = table
-    part, width = [first], _least_width(first)
+    part, width = [first], least_width(first)
     for column in others:
-        needed = _GAP + _least_width(column)
+        needed = GAP + least_width(column)
         if len(part) > 1 and width + needed > room:
             yield _fitted(part, room)
-            part, width = [first], _least_width(first)
+            part, width = [first], least_width(first)
         part.append(column)
         width += needed
     yield _fitted(part, room)
 
 
-def _least_width(column: Sequence[str]) -> int:
+def least_width(column: Sequence[str]) -> int:
     """Of a column in which only the heading is broken, and only between words."""
     heading, *cells = column
     lines = (line for cell in cells for line in cell.split("\n"))
@@ -134,8 +134,8 @@ def _least_width(column: Sequence[str]) -> int:
 
 def _fitted(part: Sequence[list[str]], room: int) -> list[list[str]]:
     """With headings broken where there is no room for the whole of them."""
-    widths = [_least_width(column) for column in part]
-    left = room - sum(widths) - _GAP * (len(widths) - 1)
+    widths = [least_width(column) for column in part]
+    left = room - sum(widths) - GAP * (len(widths) - 1)
     lacking = [
         max(0, cell_len(heading) - width) for (heading, *_), width in zip(part, widths, strict=True)
     ]
@@ -177,7 +177,7 @@ def _print_part(out: Console, part: Sequence[Sequence[str]]) -> None:
 def _lines(cells: Sequence[str], widths: Sequence[int]) -> str:
     """A row, of as many lines as its longest cell has."""
     return "\n".join(
-        (" " * _GAP)
+        (" " * GAP)
         .join(
             text + " " * (width - cell_len(text)) for text, width in zip(line, widths, strict=True)
         )

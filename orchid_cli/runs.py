@@ -22,6 +22,7 @@ from orchid_uav.cli.console import (
 )
 from orchid_uav.cli.tables.runs import (
     LIST_COLUMNS,
+    SHOWN_ON_TERMINAL,
     columns_that_fit,
     print_comparison,
     print_curves,
@@ -108,7 +109,12 @@ def list_runs(
     ] = "",
     limit: Annotated[
         int | None,
-        typer.Option(min=1, help="Runs at most.", rich_help_panel=_SELECTION, show_default=False),
+        typer.Option(
+            min=0,
+            help=f"Runs at most, 0 for all (default: {SHOWN_ON_TERMINAL} on a terminal, else all).",
+            rich_help_panel=_SELECTION,
+            show_default=False,
+        ),
     ] = None,
     runs_dir: RunsDirOption = Path("runs"),
     columns: Annotated[
@@ -142,7 +148,10 @@ def list_runs(
         conditions = [keys.condition(text) for text in where or []]
         wanted = keys.columns(columns) if columns else None
         chosen = select(index.runs, keys, conditions, sort)
-        shown = chosen[:limit]
+        out = console()
+        if limit is None and out.is_terminal and not as_json:
+            limit = SHOWN_ON_TERMINAL
+        shown = chosen[: limit or None]
         _tell_damaged(index.damaged)
         if as_json:
             _print_json(
@@ -161,12 +170,11 @@ def list_runs(
                     found = found_values(index.runs, condition.key)
                     print_note(f"none has {condition.text}: {condition.key} is {found}")
             return
-        out = console()
         print_runs(out, shown, wanted or columns_that_fit(out, shown))
         if wanted is None:
             _tell_columns_left_out(columns_that_fit(out, shown))
         if len(shown) < len(chosen):
-            print_note(f"{len(shown)} of {len(chosen)} runs are shown")
+            print_note(f"{len(shown)} of {len(chosen)} runs are shown; --limit 0 shows all")
         if not print_resume_commands(out, shown) and shown:
             paths = [run_argument(run.path) for run in shown[:2]]
             print_next_on_terminal("runs", "compare" if len(paths) > 1 else "show", *paths)

@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from orchid_uav.cli.console import console, plain, print_line, print_note, print_table
+from orchid_uav.cli.console import (
+    GAP,
+    console,
+    least_width,
+    plain,
+    print_line,
+    print_note,
+    print_table,
+)
 
 if TYPE_CHECKING:
     from orchid_uav.experiments.runs.index import Run
@@ -33,23 +41,31 @@ _GIVING_WAY = (
     "energy_efficiency_bit_per_joule",
 )
 """Of these, on a terminal that is too narrow, in this order."""
+_LEAST_ID = 32
+"""Characters of a terminal that an id has in any case; a longer one is broken where it must."""
+SHOWN_ON_TERMINAL = 50
+"""Runs that a list shows to people who do not say how many they want."""
 _WRAPPED = ("host", "versions", "resumed", "resets", "checkpoints")
 _MOST_COMMANDS = 5
 _LEAST_PLOT_WIDTH, _MOST_PLOT_WIDTH = 40, 100
 
 
 def print_runs(out: Console, runs: Sequence["Run"], columns: Sequence[str]) -> None:
-    """A row a run."""
-    names = _headings(columns)
-    rows = [[name, *_cells(run, columns)] for name, run in zip(_ids(out, runs), runs, strict=True)]
-    _print(out, ["id", *names], rows, wraps_last=True)
+    """A row a run; on a terminal an id that is too long is broken over several lines."""
+    rows = [[*map(plain, (one, *_cells(run, columns)))] for one, run in _named(out, runs)]
+    if out.is_terminal:
+        room = max(out.width - sum(_least_widths(runs, columns)), _LEAST_ID)
+        for row in rows:
+            row[0] = "\n".join(textwrap.wrap(row[0], room, drop_whitespace=False))
+    print_table(out, ["id", *map(plain, _headings(columns))], rows, wraps_last=True)
 
 
-def _ids(out: Console, runs: Sequence["Run"]) -> list[str]:
-    """What runs are called in a list: shortly for people, whole for programs."""
+def _named(out: Console, runs: Sequence["Run"]) -> list[tuple[str, "Run"]]:
+    """Runs and what they are called in a list: shortly for people, whole for programs."""
     from orchid_uav.experiments.runs.index import short_names
 
-    return short_names(runs) if out.is_terminal else [run.id for run in runs]
+    names = short_names(runs) if out.is_terminal else [run.id for run in runs]
+    return list(zip(names, runs, strict=True))
 
 
 def columns_that_fit(out: Console, runs: Sequence["Run"]) -> list[str]:
@@ -57,17 +73,18 @@ def columns_that_fit(out: Console, runs: Sequence["Run"]) -> list[str]:
     columns = list(LIST_COLUMNS)
     if not out.is_terminal:
         return columns
-    widths = {
-        key: 2 + max(map(len, [*heading.split(), *cells]))
-        for key, heading, *cells in zip(
-            columns, _headings(columns), *(_cells(run, columns) for run in runs), strict=True
-        )
-    }
-    room = out.width - max(map(len, _ids(out, runs)))
+    widths = dict(zip(columns, _least_widths(runs, columns), strict=True))
+    room = out.width - min(max(len(name) for name, _ in _named(out, runs)), _LEAST_ID)
     for key in _GIVING_WAY:
         if sum(widths[column] for column in columns) > room:
             columns.remove(key)
     return columns
+
+
+def _least_widths(runs: Sequence["Run"], columns: Sequence[str]) -> list[int]:
+    """What columns take of a terminal, with the gap before each."""
+    table = [_headings(columns), *(_cells(run, columns) for run in runs)]
+    return [GAP + least_width(column) for column in zip(*table, strict=True)]
 
 
 def _headings(columns: Sequence[str]) -> list[str]:

@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 
 from orchid_uav.cli.console import plain
 from orchid_uav.cli.tables import runs as runs_display
-from orchid_uav.cli.tables.runs import LIST_COLUMNS, columns_that_fit
+from orchid_uav.cli.tables.runs import LIST_COLUMNS, SHOWN_ON_TERMINAL, columns_that_fit
 from orchid_uav.experiments import provenance
 from orchid_uav.experiments.errors import InputError, RunFailedError
 from orchid_uav.experiments.runs import removal as run_removal
@@ -229,7 +229,48 @@ class TestList:
         finished = orchid("runs", "list", "--runs-dir", runs, "--limit", 2)
         names = [line.split("\t")[0] for line in finished.out.splitlines()[1:]]
         assert [re.search(r"run-\d", name)[0] for name in names] == ["run-2", "run-1"]
-        assert finished.err == "note: 2 of 3 runs are shown\n"
+        assert finished.err == "note: 2 of 3 runs are shown; --limit 0 shows all\n"
+
+    def test_people_see_the_latest_fifty_and_programs_all(self, monkeypatch, orchid, runs, listed):
+        template = make_run(runs, "run-00")
+        for number in range(1, SHOWN_ON_TERMINAL + 2):
+            copy = shutil.copytree(template, runs / template.name.replace("-00-", f"-{number:02}-"))
+            started = f"2099-01-01T00:00:{number:02}+00:00"
+            reseal(copy / "run.json", id=copy.name, started=started)
+        total = SHOWN_ON_TERMINAL + 2
+        assert len(listed()[0]) == len(listed("--limit", 0)[0]) == total
+        piped = orchid("runs", "list", "--runs-dir", runs)
+        assert len(piped.out.splitlines()) == 1 + total and piped.err == ""
+
+        def seen(*arguments):
+            given = ("runs", "list", "--runs-dir", runs, *arguments)
+            text = on_terminal(monkeypatch, orchid, 100, *given)
+            return re.findall(r"^run-(\d\d)", text, re.MULTILINE), text
+
+        newest_first = [f"{number:02}" for number in range(total - 1, -1, -1)]
+        shown, text = seen()
+        assert shown == newest_first[:SHOWN_ON_TERMINAL]
+        assert f"note: {SHOWN_ON_TERMINAL} of {total} runs are shown; --limit 0 shows all" in text
+        assert seen("--limit", 0)[0] == newest_first
+        assert "are shown" not in seen("--limit", 0)[1]
+
+    @pytest.mark.parametrize("width", [60, 80, 140])
+    @pytest.mark.parametrize("columns", [[], ["--columns", "status,seed,kappa,reward"]])
+    def test_an_id_that_is_too_long_is_broken_and_the_table_is_not(
+        self, monkeypatch, orchid, runs, width, columns
+    ):
+        name = ("a-study-of-the-threshold-" * 3)[:64]
+        make_run(runs, name)
+        make_run(runs, "short")
+        given = ("runs", "list", "--runs-dir", runs, *columns)
+        lines = on_terminal(monkeypatch, orchid, width, *given).splitlines()
+        # Commands to be copied are never broken.
+        table = [line for line in lines if not line.startswith(("note:", "next:"))]
+        assert all(len(line) <= width for line in table)
+        first = re.split(r"  +", table[[line.split("  ")[0] for line in table].index("short-s0")])
+        assert "completed" in first
+        parts = [line.split("  ")[0] for line in table]
+        assert f"{name}-s0" in "".join(parts)
 
     def test_columns_are_the_ones_asked_for(self, orchid, runs):
         make_run(runs, config={"reset__kappa": 0.1, "ppo__discount": 0.9})
