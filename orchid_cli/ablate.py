@@ -249,6 +249,7 @@ def _costs(
 ) -> dict[str, float]:
     """How long a run takes, by variant, in seconds."""
     from orchid_uav.experiments.ablation.calibration import seconds_per_episode
+    from orchid_uav.experiments.jobs.workload import last_end
 
     if not quiet:
         print_line(shown, "measuring how long a run takes ...")
@@ -262,7 +263,7 @@ def _costs(
                 print_warning(f"{name} is likely to fail: {error}")
                 costs[name] = 1.0
     if not quiet:
-        minutes = sum(costs[name] for name in names) / processes / 60
+        minutes = last_end([costs[name] for name in names], [0.0] * processes) / 60
         text = f"{minutes / 60:.1f} hours" if minutes >= 60 else f"{math.ceil(minutes)} min"
         print_line(
             shown,

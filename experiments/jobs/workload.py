@@ -34,6 +34,21 @@ class Job:
             raise ValueError(f"job '{self.name}' costs {self.cost}: a positive number is possible")
 
 
+def last_end(waiting: Iterable[float], busy: Sequence[float]) -> float:
+    """When the last of jobs ends, each going to the process that is free first.
+
+    At the end some processes have nothing left to do, and the last job may run alone.
+
+    Args:
+        waiting: how long each job takes, in the order in which they begin.
+        busy: how long each process still has to do with what it is doing.
+    """
+    free = sorted(busy)
+    for cost in waiting:
+        heapq.heapreplace(free, free[0] + cost)
+    return max(free)
+
+
 class Workload:
     """How much of all jobs is done, and how long the rest will take.
 
@@ -87,13 +102,10 @@ class Workload:
                 busy_s += job_s
         if work <= 0.0 or work < _FIRST_ESTIMATE * self._total / len(self._jobs):
             return None
-        # Each waiting job goes to the process that is free first: at the end some have none.
-        free = sorted([left[index] for index in running])
-        free = [0.0] * max(self._processes - len(free), 0) + free
-        for index, cost in enumerate(left):
-            if index not in running:
-                heapq.heapreplace(free, free[0] + cost)
-        return max(free) * busy_s / work
+        busy = [left[index] for index in running]
+        busy += [0.0] * (self._processes - len(busy))
+        waiting = (cost for index, cost in enumerate(left) if index not in running)
+        return last_end(waiting, busy) * busy_s / work
 
     @property
     def _total(self) -> float:

@@ -899,6 +899,17 @@ class TestInterruption:
         assert InThisProcess.names == ["base-s0", "no-rf-s0"]
 
 
+@pytest.mark.parametrize(
+    ("seeds", "at_once", "rounds"), [("0", 16, 1), ("0", 2, 1), ("0,1", 3, 2), ("0,1", 1, 4)]
+)
+def test_the_time_it_takes_is_told_before_it_begins(ablate, monkeypatch, seeds, at_once, rounds):
+    monkeypatch.setattr(calibration, "seconds_per_episode", lambda config: 60.0)
+    told = ablate("--no-rf", f"--seeds={seeds}", f"--jobs={at_once}").out
+    before, begun, _ = told.partition(" jobs, 1 at once")  # of the executor in this process
+    assert begun
+    assert f"about {rounds * EPISODES} min with {at_once} at once" in before
+
+
 def test_rows_of_a_document_are_what_programs_find(finished):
     document = document_of(finished.path)
     rows = comparison_rows(document, "evaluation")

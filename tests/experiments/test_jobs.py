@@ -32,7 +32,7 @@ from orchid_uav.experiments.jobs.local_processes import (
     LocalProcesses,
     Overview,
 )
-from orchid_uav.experiments.jobs.workload import Job, Workload
+from orchid_uav.experiments.jobs.workload import Job, Workload, last_end
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals and sessions are POSIX")
 
@@ -486,6 +486,18 @@ class TestTimeLeft:
         load.look([0, 1])
         # 100 s a job and two at once: 50 s for both, 100 s for the third with an idle process.
         assert load.seconds_left([0, 1], [50.0, 50.0, 0.0]) == pytest.approx(150.0)
+
+    @pytest.mark.parametrize(
+        ("waiting", "busy", "expected"),
+        [
+            ([1.0] * 20, [0.0] * 16, 2.0),  # four in a second round, twelve processes idle
+            ([5.0, 7.0], [0.0] * 16, 7.0),
+            ([2.0, 3.0], [4.0, 1.0], 6.0),  # 1 + 2 on the second, and 3 behind that
+            ([], [4.0, 1.0], 4.0),
+        ],
+    )
+    def test_ends_with_the_last_job(self, waiting, busy, expected):
+        assert last_end(waiting, busy) == expected
 
     def test_is_not_told_before_a_tenth_of_a_job(self):
         load, fractions = workload([1, 3], [0.5, 0.0], processes=1)  # 2 on average
