@@ -6,18 +6,19 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import Field, model_validator
 from safetensors.numpy import save
 
+from orchid_uav.storage.documents import Document
 from orchid_uav.storage.files import read_sealed, sealed
 from orchid_uav.storage.tensors import TensorSpec, read_tensors
 
 WEIGHTS_FILE = "policy.safetensors"
 DESCRIPTION_FILE = "policy.json"
-_SCHEMA = 1
 _MOST_LAYERS, _MOST_WEIGHTS = 64, 2**28
 _LARGEST_OBSERVATION, _LARGEST_LOG_STD = 1e3, 100.0
 """Far beyond those that occur."""
@@ -28,24 +29,51 @@ _ROWS_AT_ONCE = 256
 """Rows of one matrix product, so that what lies between two layers stays in the cache."""
 
 
+class PolicyDescription(Document):
+    """The content of ``policy.json``."""
+
+    schema_version: Literal[1] = Field(alias="schema")
+    kind: str
+    layer_sizes: Annotated[
+        list[Annotated[int, Field(gt=0, le=65536)]], Field(min_length=2, max_length=_MOST_LAYERS)
+    ]
+    """Of the observation, of every layer in between, of the actions."""
+    hidden_activation: Literal["relu"]
+    output_activation: Literal["tanh"]
+    run: str | None = None
+    """The id of the run that it was learned in."""
+    algorithm: str | None = None
+    objective: str | None = None
+    observation: str | None = None
+    episodes: int | None = None
+    sha256: str
+    """Of the file of weights."""
+
+    @model_validator(mode="after")
+    def _check_size(self) -> Self:
+        if sum(map(math.prod, itertools.pairwise(self.layer_sizes))) > _MOST_WEIGHTS:
+            raise ValueError(f"layers of {self.layer_sizes} have too many weights")
+        return self
+
+
 class LocalActor:
     """tanh(MLP(observation)) with ReLU between layers: the deterministic, decentralised policy.
 
     Args:
         layers: (weight (out, in), bias (out,)) of every layer, in order.
         log_std: log standard deviation (A,) of the noise used in training.
-        description: what ``policy.json`` says of it.
+        description: what ``policy.json`` says of it, where it comes from a file.
     """
 
     def __init__(
         self,
         layers: Sequence[tuple[Floats, Floats]],
         log_std: Floats,
-        description: Mapping[str, Any] | None = None,
+        description: PolicyDescription | None = None,
     ) -> None:
         self._layers = [(np.ascontiguousarray(weight.T), bias) for weight, bias in layers]
         self.log_std = log_std
-        self.description = dict(description or {})
+        self.description = description
         self.observation_size = self._layers[0][0].shape[0]
         self.action_size = self._layers[-1][0].shape[1]
 
@@ -83,25 +111,33 @@ class LocalActor:
 
 
 def policy_files(
-    layers: Sequence[tuple[Floats, Floats]], log_std: Floats, description: Mapping[str, Any]
+    layers: Sequence[tuple[Floats, Floats]], log_std: Floats, origin: Mapping[str, str | int]
 ) -> dict[str, bytes]:
-    """Names and contents of the files that :func:`load_policy` reads."""
+    """Names and contents of the files that :func:`load_policy` reads.
+
+    Args:
+        layers: (weight (out, in), bias (out,)) of every layer, in order.
+        log_std: log standard deviation (A,) of the noise used in training.
+        origin: the run and its kind, by the names of fields of :class:`PolicyDescription`.
+    """
     tensors = {"log_std": log_std}
     for index, (weight, bias) in enumerate(layers):
         tensors[f"actor.{index}.weight"] = np.ascontiguousarray(weight, dtype=np.float32)
         tensors[f"actor.{index}.bias"] = np.ascontiguousarray(bias, dtype=np.float32)
     weights = save(tensors)
     sizes = [layers[0][0].shape[1], *(len(bias) for _, bias in layers)]
-    document = {
-        "schema": _SCHEMA,
-        "kind": "actor",
-        "layer_sizes": sizes,
-        "hidden_activation": "relu",
-        "output_activation": "tanh",
-        **description,
-        "sha256": hashlib.sha256(weights).hexdigest(),
-    }
-    description_text = json.dumps(sealed(document), indent=2) + "\n"
+    description = PolicyDescription.from_json(
+        {
+            "schema": 1,
+            "kind": "actor",
+            "layer_sizes": sizes,
+            "hidden_activation": "relu",
+            "output_activation": "tanh",
+            **origin,
+            "sha256": hashlib.sha256(weights).hexdigest(),
+        }
+    )
+    description_text = json.dumps(sealed(description.to_json()), indent=2) + "\n"
     return {WEIGHTS_FILE: weights, DESCRIPTION_FILE: description_text.encode()}
 
 
@@ -120,13 +156,13 @@ def load_policy(path: str | Path) -> LocalActor:
         if not needed.exists():
             raise FileNotFoundError(f"no such file: {needed}")
     description = _read_description(description_path)
-    sizes = description["layer_sizes"]
+    sizes = description.layer_sizes
     shapes: dict[str, tuple[int, ...]] = {"log_std": (sizes[-1],)}
     for index, (inputs, outputs) in enumerate(itertools.pairwise(sizes)):
         shapes[f"actor.{index}.weight"] = (outputs, inputs)
         shapes[f"actor.{index}.bias"] = (outputs,)
     specs = {name: TensorSpec(shape, np.dtype(np.float32)) for name, shape in shapes.items()}
-    tensors = read_tensors(weights_path, specs, description["sha256"])
+    tensors = read_tensors(weights_path, specs, description.sha256)
     if not all(np.isfinite(tensor).all() for tensor in tensors.values()):
         raise ValueError(f"{weights_path} holds numbers that are not finite")
     layers = [
@@ -149,21 +185,9 @@ def _largest_output(layers: Sequence[tuple[Floats, Floats]]) -> float:
     return bound
 
 
-def _read_description(path: Path) -> dict[str, Any]:
-    description = read_sealed(path)
+def _read_description(path: Path) -> PolicyDescription:
+    document = read_sealed(path)
     try:
-        sizes = description["layer_sizes"]
-        known = (
-            description["schema"] == _SCHEMA
-            and isinstance(description["sha256"], str)
-            and (description["hidden_activation"], description["output_activation"])
-            == ("relu", "tanh")
-            and 2 <= len(sizes) <= _MOST_LAYERS
-            and all(type(size) is int and 0 < size <= 65536 for size in sizes)
-            and sum(map(math.prod, itertools.pairwise(sizes))) <= _MOST_WEIGHTS
-        )
-    except (KeyError, TypeError) as error:
-        raise ValueError(f"{path} does not describe a policy: {error!r}") from error
-    if not known:
-        raise ValueError(f"{path} describes a policy of a kind or schema unknown here")
-    return description
+        return PolicyDescription.from_json(document)
+    except ValueError as error:
+        raise ValueError(f"{path} describes no policy as is known here: {error}") from error

@@ -57,11 +57,11 @@ def make_runs(runs_dir: Path, count: int) -> None:
             "config_sha256": hashlib.sha256(content).hexdigest(),
             "final": {
                 name: value and value * generator.uniform(0.9, 1.1)
-                for name, value in template.record["final"].items()
+                for name, value in template.record.final.items()
             },
         }
         (path / CONFIG_FILE).write_bytes(content)
-        (path / RECORD_FILE).write_bytes(json_bytes(sealed(template.record | own)))
+        (path / RECORD_FILE).write_bytes(json_bytes(sealed(template.record.to_json() | own)))
         for name in (EPISODES_FILE, *POLICY_FILES):
             os.link(template.path / name, path / name)
 

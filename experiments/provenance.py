@@ -19,9 +19,9 @@ _PACKAGES = (
 )
 
 
-def describe_versions() -> dict[str, Any]:
+def describe_versions() -> dict[str, str | None]:
     """Versions of python and of the packages that the numbers depend on, and the git commit."""
-    versions: dict[str, Any] = {"python": platform.python_version()}
+    versions: dict[str, str | None] = {"python": platform.python_version()}
     versions |= {name.replace("-", "_"): version(name) for name in _PACKAGES}
     return versions | {"git_commit": git_commit()}
 
@@ -34,11 +34,6 @@ def describe_host() -> dict[str, Any]:
         "processor": _processor_name(),
         "cores": os.cpu_count(),
     }
-
-
-def describe_process() -> dict[str, Any]:
-    """Enough to tell later whether this very process is still alive."""
-    return {"pid": os.getpid(), "boot_id": boot_id()}
 
 
 def boot_id() -> str | None:

@@ -1,10 +1,10 @@
 """``orchid train``."""
 
 import json
+import math
 import shlex
-from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
@@ -37,6 +37,7 @@ from orchid_uav.experiments.errors import InputError, RunFailedError
 from orchid_uav.experiments.provenance import describe_versions
 from orchid_uav.experiments.runs.records import (
     DEFAULT_RUNS_DIR,
+    RunRecord,
     expanded,
     find_run,
     has_checkpoint,
@@ -221,12 +222,12 @@ def _note_new_id(run: "RunDirectory") -> None:
         )
 
 
-def _note_other_versions(record: Mapping[str, Any]) -> None:
+def _note_other_versions(record: RunRecord) -> None:
     now = describe_versions()
     changed = [
-        f"{name} {record['versions'].get(name)} -> {version}"
+        f"{name} {record.versions.get(name)} -> {version}"
         for name, version in now.items()
-        if record["versions"].get(name) != version
+        if record.versions.get(name) != version
     ]
     if changed:
         print_note(f"the run began with other versions: {', '.join(changed)}")
@@ -252,7 +253,10 @@ def _print_outcome(out: Console, outcome: "TrainingOutcome") -> None:
 
     rows = len(outcome.rows)
     if rows:
-        final = outcome.run.record["final"]
+        final = {
+            column: math.nan if value is None else value
+            for column, value in outcome.run.record.final.items()
+        }
         print_table(
             out,
             ["mean of the last episodes", str(min(rows, FINAL_EPISODES))],

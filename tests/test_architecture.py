@@ -33,7 +33,8 @@ LIBRARIES = {
         "sklearn",
     }
     | {"stable_baselines3", "supersuit", "threadpoolctl"},
-    "agents": {"cma", "gymnasium", "numpy", "safetensors", "scipy", "stable_baselines3", "torch"},
+    "agents": {"cma", "gymnasium", "numpy", "pydantic", "safetensors", "scipy"}
+    | {"stable_baselines3", "torch"},
     "callbacks": {"stable_baselines3", "torch"},
     "experiments": {"filelock", "matplotlib", "mlflow", "numpy", "pyarrow", "pydantic", "scipy"}
     | {"safetensors", "stable_baselines3", "tensorboard", "threadpoolctl", "torch", "trackio"},

@@ -255,17 +255,17 @@ class AblationStudy:
     ) -> dict[str, Any]:
         """A run's metrics, one number each: what the comparisons are made from."""
         path, seed = job.find(), job.config.training.seed
-        record = read_record(path) if path else {}
+        record = read_record(path) if path else None
         index = list(self.ablation.seeds).index(seed)
         return {
             "variant": job.name,
             "seed": seed,
-            "run": record.get("id"),
+            "run": record.id if record else None,
             "status": job.status(),
-            "episodes": record.get("episodes", 0),
-            "seconds": record.get("seconds"),
-            "reset_episodes": record.get("reset_episodes", []),
-            "error": record.get("error"),
+            "episodes": record.episodes if record else 0,
+            "seconds": record.seconds if record else None,
+            "reset_episodes": record.reset_episodes if record else [],
+            "error": record.error if record else None,
             **{
                 kind: {
                     metric: _json_number(per_seed[index])

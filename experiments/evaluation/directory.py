@@ -62,14 +62,13 @@ def describe_plan(plan: Plan, planner_evaluations: int) -> dict[str, Any]:
             {
                 "method": contender.key,
                 "run": contender.policy.run if contender.policy else None,
-                "sha256": contender.policy.actor.description.get("sha256")
-                if contender.policy
-                else None,
+                "sha256": description.sha256 if description else None,
                 "deterministic": contender.deterministic,
                 "overrides": dict(contender.overrides),
                 **({"file": contender.own_file._asdict()} if contender.own_file else {}),
             }
             for contender in plan.contenders
+            for description in [contender.policy.actor.description if contender.policy else None]
         ],
         "distributions": list(dict.fromkeys(setting.distribution for setting in settings)),
         "uavs": list(dict.fromkeys(setting.uavs for setting in settings)),

@@ -23,7 +23,7 @@ from orchid_uav.experiments.evaluation.method_keys import (
     ZERO,
     known_methods,
 )
-from orchid_uav.experiments.runs.records import former_ids, read_config, read_record, status_of
+from orchid_uav.experiments.runs.records import read_config, read_record, status_of
 from orchid_uav.suggestions import unknown
 
 METHOD_KEYS = (
@@ -294,7 +294,7 @@ def read_policy(path: Path) -> Policy:
             observations or actions than the environment's.
     """
     record = read_record(path)
-    status, run = status_of(path, record), record["id"]
+    status, run = status_of(path, record), record.id
     if status not in ("completed", "interrupted"):
         state = "is still running" if status == "running" else status
         raise InputError(f"run {run} {state}: only a run that ended has a policy to fly ({path})")
@@ -303,8 +303,10 @@ def read_policy(path: Path) -> Policy:
         actor = load_policy(path)
     except (OSError, ValueError, InputError) as error:
         raise InputError(f"run {run} cannot be flown: {error}") from error
-    if actor.description.get("run") not in (run, *former_ids(record)):
-        raise InputError(f"the policy in {path} is that of run {actor.description.get('run')}")
+    description = actor.description
+    if description is None or description.run not in (run, *record.former_ids):
+        of = description.run if description else None
+        raise InputError(f"the policy in {path} is that of run {of}")
     sizes = (actor.observation_size, actor.action_size)
     if sizes != (OBSERVATION_SIZE, ACTION_SIZE):
         raise InputError(

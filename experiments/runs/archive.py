@@ -109,9 +109,9 @@ def export_runs(
 
 
 def _by_id(runs: Sequence[Run]) -> dict[str, Run]:
-    by_id = {str(run.record["id"]): run for run in runs}
+    by_id = {run.record.id: run for run in runs}
     for run in runs:
-        other = by_id[str(run.record["id"])]
+        other = by_id[run.record.id]
         if other is not run:
             raise InputError(f"run {other.id} is given twice, as {run.path} and as {other.path}")
     return by_id
@@ -363,8 +363,8 @@ def _check_run(path: Path) -> None:
         record = read_run(path).record
     except InputError as error:
         raise ValueError(str(error).replace(f"{path.parent}{os.sep}", "")) from error
-    if record["id"] != path.name:
-        raise ValueError(f"run {path.name} calls itself {record['id']!r:.80}")
+    if record.id != path.name:
+        raise ValueError(f"run {path.name} calls itself {record.id!r:.80}")
 
 
 def _unpack_file(archive: zipfile.ZipFile, name: str, expected: _Expected, target: Path) -> None:

@@ -14,21 +14,22 @@ from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from statistics import fmean
-from typing import Any
 
 from orchid_uav.agents.deployed_actor import DESCRIPTION_FILE, WEIGHTS_FILE
 from orchid_uav.envs.metrics import EPISODE_METRICS
 from orchid_uav.experiments.configuration import RunConfig
 from orchid_uav.experiments.errors import InputError
-from orchid_uav.experiments.provenance import describe_host, describe_process, describe_versions
+from orchid_uav.experiments.provenance import boot_id, describe_host, describe_versions
 from orchid_uav.experiments.runs.lock import RunLock
 from orchid_uav.experiments.runs.records import (
     CONFIG_FILE,
     EPISODES_FILE,
     LARGEST_LOG,
     RECORD_FILE,
+    SCHEMA,
+    Resumption,
+    RunRecord,
     Status,
-    former_ids,
     read_config,
     read_record,
 )
@@ -44,7 +45,6 @@ from orchid_uav.storage.files import (
 
 Row = dict[str, float]
 
-SCHEMA = 1
 EPISODE_COLUMNS = (
     "episode",
     *EPISODE_METRICS,
@@ -71,17 +71,18 @@ class RunDirectory:
 
     Args:
         path: the directory, which exists.
+        lock: held by this process.
         record: the content of ``run.json``.
     """
 
-    def __init__(self, path: Path, record: dict[str, Any]) -> None:
+    def __init__(self, path: Path, lock: RunLock, record: RunRecord) -> None:
         self.path = path
         self.record = record
         self.is_resumed = False
         self.renamed_from: str | None = None
         """The id until now, where it is gone on with in a directory of another name."""
         self._episodes_size = 0
-        self._lock = RunLock(path)
+        self._lock = lock
 
     @classmethod
     def create(
@@ -108,24 +109,27 @@ class RunDirectory:
                 f"cannot make a run directory in {runs_dir}: {error.strerror or error}"
             ) from error
         try:
-            run = cls(
-                path,
-                {
-                    "schema": SCHEMA,
-                    "id": path.name,
-                    "name": name,
-                    "command": list(command),
-                    "versions": describe_versions(),
-                    "host": describe_host(),
-                    "started": started.isoformat(timespec="seconds"),
-                    "seconds": 0.0,
-                    "episodes": 0,
-                    "reset_episodes": [],
-                    "final": {},
-                    "resumed": [],
-                },
+            lock, content = RunLock(path), _config_bytes(config)
+            record = RunRecord(
+                schema=SCHEMA,
+                id=path.name,
+                name=name,
+                command=list(command),
+                versions=describe_versions(),
+                host=describe_host(),
+                started=started.isoformat(timespec="seconds"),
+                seconds=0.0,
+                episodes=0,
+                reset_episodes=[],
+                final={},
+                resumed=[],
+                config_sha256=hashlib.sha256(content).hexdigest(),
+                status="running",
+                finished=None,
+                error=None,
             )
-            run.record["config_sha256"] = run._write_config(config)
+            run = cls(path, lock, record)
+            write_atomically(path / CONFIG_FILE, content)
             run.append_episodes([])
             run._reserve()
             run._begin()
@@ -151,9 +155,9 @@ class RunDirectory:
         Raises:
             InputError: another process writes it, it is damaged, or it cannot be written.
         """
-        run = cls(path, {})
+        lock = RunLock(path)
         try:
-            run.record = read_record(path)
+            run = cls(path, lock, read_record(path))
             run._reserve()  # before anything changes
             run._be_called_by_its_directory()
             known, episodes = read_config(path, run.record), config.training.episodes
@@ -164,20 +168,19 @@ class RunDirectory:
                 run._replace_config(config)
             run._remove_leftovers()
             run.is_resumed = True
-            run.record["resumed"] = [
-                *run.record["resumed"],
-                {
-                    "time": f"{datetime.now(UTC).isoformat(timespec='seconds')}",
-                    "command": list(command),
-                    "versions": describe_versions(),
-                    "host": describe_host()["name"],
-                },
-            ]
+            run.record.resumed.append(
+                Resumption(
+                    time=datetime.now(UTC).isoformat(timespec="seconds"),
+                    command=list(command),
+                    versions=describe_versions(),
+                    host=describe_host()["name"],
+                )
+            )
             run._begin()
         except BaseException as error:
             with suppress(OSError):
-                run._give_reserve_back()
-            run.release()
+                (path / _RESERVE_FILE).unlink(missing_ok=True)
+            lock.release()
             if isinstance(error, OSError):
                 raise InputError(f"cannot write to {path}: {error.strerror or error}") from error
             raise
@@ -188,8 +191,8 @@ class RunDirectory:
         found = _NOT_IN_IDS.sub("-", self.path.resolve().name).lstrip("-._")[:_LONGEST_ID]
         if found not in ("", self.id):
             self.renamed_from = self.id
-            self.record["former_ids"] = [*former_ids(self.record), self.id]
-            self.record["id"] = found
+            self.record.former_ids = [*self.record.former_ids, self.id]
+            self.record.id = found
 
     def _remove_leftovers(self) -> None:
         """What a process left that died as it replaced a file."""
@@ -198,13 +201,10 @@ class RunDirectory:
                 path.unlink()
 
     def _begin(self) -> None:
-        self.record |= {
-            "status": "running",
-            **describe_process(),
-            "finished": None,
-            "error": None,
-            "episodes_sha256": None,  # until the log is complete
-        }
+        record = self.record
+        record.status, record.finished, record.error = "running", None, None
+        record.pid, record.boot_id = os.getpid(), boot_id()
+        record.episodes_sha256 = None  # until the log is complete
         self._save()
 
     def _reserve(self) -> None:
@@ -219,23 +219,21 @@ class RunDirectory:
     def _give_reserve_back(self) -> None:
         (self.path / _RESERVE_FILE).unlink(missing_ok=True)
 
-    def _write_config(self, config: RunConfig) -> str:
-        content = json_bytes(config.model_dump(mode="json"))
-        write_atomically(self.path / CONFIG_FILE, content)
-        return hashlib.sha256(content).hexdigest()
-
     def _replace_config(self, config: RunConfig) -> None:
         """In an order that leaves no moment at which record and configuration do not fit."""
-        content = json_bytes(config.model_dump(mode="json"))
-        self.record["next_config_sha256"] = hashlib.sha256(content).hexdigest()
+        content = _config_bytes(config)
+        checksum = hashlib.sha256(content).hexdigest()
+        self.record.next_config_sha256 = checksum
         self._begin()  # no longer complete, whatever happens from here on
-        self.record["config_sha256"] = self._write_config(config)
-        del self.record["next_config_sha256"]
+        write_atomically(self.path / CONFIG_FILE, content)
+        self.record.config_sha256 = checksum
+        self.record.next_config_sha256 = None
+        self.record.model_fields_set.discard("next_config_sha256")  # so that it is not written
 
     @property
     def id(self) -> str:
         """The run's id, which is its directory's name."""
-        return str(self.record["id"])
+        return self.record.id
 
     def append_episodes(self, rows: Iterable[Mapping[str, float]]) -> None:
         """Add rows to ``episodes.csv``, all or, if the disk is full, none of them."""
@@ -301,13 +299,11 @@ class RunDirectory:
         error: str | None = None,
     ) -> None:
         """Record how the run ended, and its final figures."""
-        self.record |= {
-            "seconds": round(seconds, 3),
-            "episodes": len(rows),
-            "reset_episodes": list(reset_episodes),
-            "final": final_metrics(rows),
-            "episodes_sha256": self._log_checksum(),
-        }
+        record = self.record
+        record.seconds, record.episodes = round(seconds, 3), len(rows)
+        record.reset_episodes = list(reset_episodes)
+        record.final = final_metrics(rows)
+        record.episodes_sha256 = self._log_checksum()
         self.give_up(status, error)
 
     def _log_checksum(self) -> str | None:
@@ -318,11 +314,8 @@ class RunDirectory:
 
     def give_up(self, status: Status, error: str | None) -> None:
         """Record an end alone; what a resumed run that could not go on had achieved stays."""
-        self.record |= {
-            "status": status,
-            "finished": datetime.now(UTC).isoformat(timespec="seconds"),
-            "error": error,
-        }
+        self.record.status, self.record.error = status, error
+        self.record.finished = datetime.now(UTC).isoformat(timespec="seconds")
         self._give_reserve_back()
         self._save()
         self.release()
@@ -332,7 +325,11 @@ class RunDirectory:
         self._lock.release()
 
     def _save(self) -> None:
-        write_json(self.path / RECORD_FILE, sealed(self.record))
+        write_json(self.path / RECORD_FILE, sealed(self.record.to_json()))
+
+
+def _config_bytes(config: RunConfig) -> bytes:
+    return json_bytes(config.model_dump(mode="json"))
 
 
 def final_metrics(rows: Sequence[Row]) -> dict[str, float | None]:

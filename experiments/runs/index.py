@@ -25,12 +25,13 @@ from orchid_uav.experiments.runs.directory import (
 )
 from orchid_uav.experiments.runs.records import (
     CHECKPOINTS_FOLDER,
+    CONFIG_FILE,
     EPISODES_FILE,
     LARGEST_LOG,
     RECORD_FILE,
+    RunRecord,
     SeenStatus,
     check_log,
-    former_ids,
     name_of,
     read_plain_config,
     read_record,
@@ -61,7 +62,7 @@ class Run:
 
     path: Path
     status: SeenStatus
-    record: Mapping[str, Any]
+    record: RunRecord
     """Of ``run.json``; "episodes", "reset_episodes" and "final" as they are by now, if the run has
     not ended."""
     config: Mapping[str, Any]
@@ -89,14 +90,19 @@ class Run:
         return {
             **self.config,
             **dict.fromkeys(TRAINING_METRICS),
-            **record["final"],
-            **{key: record[key] for key in RECORD_KEYS if key in record},
-            **{f"host.{key}": value for key, value in record["host"].items()},
-            **{f"versions.{key}": value for key, value in record["versions"].items()},
+            **record.final,
+            **{f"host.{key}": value for key, value in record.host.items()},
+            **{f"versions.{key}": value for key, value in record.versions.items()},
             "id": self.id,
             "status": self.status,
-            "resets": len(record["reset_episodes"]),
-            "command": shlex.join(map(str, record["command"])),
+            "name": record.name,
+            "episodes": record.episodes,
+            "seconds": record.seconds,
+            "resets": len(record.reset_episodes),
+            "started": record.started,
+            "finished": record.finished,
+            "command": shlex.join(record.command),
+            "error": record.error,
         }
 
     def summary(self) -> dict[str, Any]:
@@ -106,16 +112,16 @@ class Run:
             "id": self.id,
             "path": str(self.path),
             "status": self.status,
-            "name": record["name"],
-            "episodes": record["episodes"],
+            "name": record.name,
+            "episodes": record.episodes,
             "planned_episodes": self.planned_episodes,
-            "reset_episodes": record["reset_episodes"],
-            "started": record["started"],
-            "finished": record["finished"],
-            "seconds": record["seconds"],
-            "error": record["error"],
+            "reset_episodes": record.reset_episodes,
+            "started": record.started,
+            "finished": record.finished,
+            "seconds": record.seconds,
+            "error": record.error,
             "resume": self.resume,
-            "final": record["final"],
+            "final": record.final,
             "config": dict(self.config),
         }
 
@@ -155,7 +161,7 @@ def read_index(runs_dir: Path) -> Index:
             runs.append(read_run(path))
         except InputError as error:
             damaged[name] = str(error)
-    return Index(sorted(runs, key=lambda run: (run.record["started"], run.id))[::-1], damaged)
+    return Index(sorted(runs, key=lambda run: (run.record.started, run.id))[::-1], damaged)
 
 
 def read_run(path: Path) -> Run:
@@ -166,8 +172,8 @@ def read_run(path: Path) -> Run:
     """
     record = read_record(path)
     sections = read_plain_config(path, record)
-    if not _has_numbers(record) or not all(isinstance(one, dict) for one in sections.values()):
-        raise InputError(f"{path / RECORD_FILE} is no record of a run")
+    if not all(isinstance(one, dict) for one in sections.values()):
+        raise InputError(f"{path / CONFIG_FILE} is no configuration of a run")
     found = {
         f"{section}.{key}": value
         for section, fields in with_current_keys(sections).items()
@@ -178,19 +184,13 @@ def read_run(path: Path) -> Run:
         raise InputError(f"{path}: its configuration has no number of episodes")
     status = status_of(path, record)
     if status in ("running", "died"):
-        record = {**record, **_progress(path / EPISODES_FILE)}
+        _bring_up_to_date(record, path / EPISODES_FILE)
     return Run(path, status, record, config)
 
 
 @cache
 def _defaults() -> dict[str, Any]:
     return flatten(RunConfig())
-
-
-def _has_numbers(record: Mapping[str, Any]) -> bool:
-    return all(is_number(value) or value is None for value in record["final"].values()) and all(
-        map(is_number, record["reset_episodes"])
-    )
 
 
 def read_log(run: Run) -> list[Row]:
@@ -225,7 +225,7 @@ def is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-def _progress(log: Path) -> dict[str, Any]:
+def _bring_up_to_date(record: RunRecord, log: Path) -> None:
     """Episodes, resets and latest metrics of a run whose record does not know them yet."""
     try:
         with log.open("rb") as file:
@@ -235,14 +235,10 @@ def _progress(log: Path) -> dict[str, Any]:
             lines = file.read(_LOG_END_BYTES).decode().split("\n")[1:-1]  # whole ones
         rows = _rows(lines[-FINAL_EPISODES:])
     except (OSError, ValueError):  # what the record says has to do
-        return {}
-    if not rows:
-        return {}
-    return {
-        "episodes": int(rows[-1]["episode"]),
-        "reset_episodes": resets,
-        "final": final_metrics(rows),
-    }
+        return
+    if rows:
+        record.episodes, record.reset_episodes = int(rows[-1]["episode"]), resets
+        record.final = final_metrics(rows)
 
 
 def details(run: Run) -> dict[str, Any]:
@@ -250,12 +246,12 @@ def details(run: Run) -> dict[str, Any]:
     record = run.record
     return {
         **run.summary(),
-        "recorded_id": record["id"],
-        "former_ids": former_ids(record),
-        "command": record["command"],
-        "versions": record["versions"],
-        "host": record["host"],
-        "resumed": record.get("resumed", []),
+        "recorded_id": record.id,
+        "former_ids": record.former_ids,
+        "command": record.command,
+        "versions": record.versions,
+        "host": record.host,
+        "resumed": [one.to_json() for one in record.resumed],
         "checkpoints": checkpoints_of(run),
         "changed": {
             key: {"value": value, "default": default}

@@ -2,9 +2,7 @@
 
 import errno
 import os
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from filelock import FileLock, Timeout
 
@@ -54,12 +52,13 @@ class RunLock:
         self._lock.release()
 
 
-def is_alive(directory: Path, record: Mapping[str, Any]) -> bool:
+def is_alive(directory: Path, pid: int | None = None, boot: str | None = None) -> bool:
     """Whether the process that writes a run is still there.
 
     Args:
         directory: of the run.
-        record: its ``run.json``, with "pid" and "boot_id".
+        pid: of that process, as the run's record has it.
+        boot: what ``boot_id`` was when it began.
     """
     path = directory / LOCK_FILE
     if not path.exists():
@@ -70,7 +69,7 @@ def is_alive(directory: Path, record: Mapping[str, Any]) -> bool:
     except Timeout:
         return True
     except OSError:  # a directory that can only be read, or a file system without locks
-        return _has_process(record)
+        return boot == boot_id() and pid is not None and _has_process(pid)
     lock.release()
     return False
 
@@ -81,13 +80,11 @@ def _lock_of(directory: Path) -> FileLock:
     return FileLock(directory / LOCK_FILE, fallback_to_soft=False)
 
 
-def _has_process(record: Mapping[str, Any]) -> bool:
-    if record.get("boot_id") != boot_id() or not isinstance(record.get("pid"), int):
-        return False
+def _has_process(pid: int) -> bool:
     if os.name == "nt":  # where signal 0 is ctrl-C
         return True
     try:
-        os.kill(record["pid"], 0)
+        os.kill(pid, 0)
     except PermissionError:
         return True
     except (OSError, OverflowError):

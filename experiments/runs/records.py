@@ -2,19 +2,21 @@
 
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
-from pydantic import ValidationError
+from pydantic import Field, JsonValue, ValidationError, field_validator
 
 from orchid_uav.envs.parameters import describe_error
 from orchid_uav.experiments.configuration import RunConfig
 from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.runs.lock import is_alive
+from orchid_uav.storage.documents import Document
 from orchid_uav.storage.files import checksum_of_file, read_document, read_sealed
 from orchid_uav.suggestions import did_you_mean, nearest
 
+SCHEMA = 1
 RECORD_FILE, CONFIG_FILE, EPISODES_FILE = "run.json", "config.json", "episodes.csv"
 CHECKPOINTS_FOLDER = "checkpoints"
 DEFAULT_RUNS_DIR = Path("runs")
@@ -29,65 +31,83 @@ Status = Literal["running", "completed", "failed", "interrupted"]
 SeenStatus = Literal["running", "completed", "failed", "interrupted", "died"]
 """As others see it: "died" is a run that says it is running and whose process is gone."""
 
-_SHAPES: dict[str, type | tuple[type, ...]] = {
-    "id": str,
-    "name": str,
-    "status": str,
-    "command": list,
-    "versions": dict,
-    "host": dict,
-    "started": str,
-    "finished": (str, type(None)),
-    "seconds": (int, float),
-    "episodes": int,
-    "reset_episodes": list,
-    "final": dict,
-    "error": (str, type(None)),
-    "config_sha256": str,
-    "resumed": list,
-}
-"""What every record holds."""
+
+class Resumption(Document):
+    """When and how a run was gone on with."""
+
+    time: str
+    command: list[str]
+    versions: dict[str, str | None]
+    host: str
 
 
-def read_record(path: Path) -> dict[str, Any]:
+class RunRecord(Document):
+    """The content of ``run.json``."""
+
+    schema_version: int = Field(default=SCHEMA, alias="schema")
+    id: str
+    name: str
+    command: list[str]
+    versions: dict[str, str | None]
+    host: dict[str, JsonValue]
+    started: str
+    seconds: float
+    """Of the learning loop."""
+    episodes: int
+    reset_episodes: list[int]
+    final: dict[str, float | None]
+    """Means of the last episodes, by column; None where one is not a finite number."""
+    resumed: list[Resumption]
+    config_sha256: str
+    status: Status
+    pid: int | None = None
+    boot_id: str | None = None
+    finished: str | None
+    error: str | None
+    episodes_sha256: str | None = None
+    """Of the log, once it is complete."""
+    former_ids: list[str] = Field(default=[])
+    """Ids of the runs that this one is a copy of, or that it had before it was renamed. Its
+    checkpoints and its policy may name them, where they are older than it is."""
+    next_config_sha256: str | None = None
+    """Of the configuration that is about to replace the one there is."""
+
+    @field_validator("former_ids", mode="before")
+    @classmethod
+    def _only_texts(cls, found: Any) -> list[str]:
+        """What is no id vouches for nothing, and keeps no run from being read."""
+        return [one for one in found if isinstance(one, str)] if isinstance(found, list) else []
+
+
+def read_record(path: Path) -> RunRecord:
     """The record of a run directory, as it was written.
 
     Raises:
         InputError: there is none, or it is damaged.
     """
+    file = path / RECORD_FILE
     try:
-        record = read_sealed(path / RECORD_FILE)
+        document = read_sealed(file)
     except (FileNotFoundError, NotADirectoryError) as error:
         raise InputError(f"{path} is not a run directory: it has no {RECORD_FILE}") from error
     except OSError as error:
-        raise InputError(f"cannot read {path / RECORD_FILE}: {error.strerror or error}") from error
+        raise InputError(f"cannot read {file}: {error.strerror or error}") from error
     except ValueError as error:
         raise InputError(f"cannot read the run: {error}") from error
-    for key, shape in _SHAPES.items():
-        if not isinstance(record.get(key, ...), shape):
-            raise InputError(f"{path / RECORD_FILE} is no record of a run: it has no {key}")
-    if record["status"] not in get_args(Status):
-        raise InputError(f"{path / RECORD_FILE} is no record of a run: {record['status']!r}")
-    return record
+    try:
+        return RunRecord.from_json(document)
+    except ValueError as error:
+        raise InputError(f"{file} is no record of a run: {error}") from error
 
 
-def former_ids(record: Mapping[str, Any]) -> list[str]:
-    """Ids of the runs that this one is a copy of, or that it had before it was renamed.
-
-    Its checkpoints and its policy may name them, where they are older than it is.
-    """
-    found = record.get("former_ids", [])
-    return [one for one in found if isinstance(one, str)] if isinstance(found, list) else []
-
-
-def read_plain_config(path: Path, record: Mapping[str, Any]) -> dict[str, Any]:
+def read_plain_config(path: Path, record: RunRecord) -> dict[str, Any]:
     """The sections of a run's configuration, as they were written; not validated.
 
     Raises:
         InputError: there is none, or it is damaged.
     """
     file = path / CONFIG_FILE
-    checksums = record["config_sha256"], record.get("next_config_sha256")
+    checksums = record.config_sha256, record.next_config_sha256
     try:
         found = checksum_of_file(file, _LARGEST_CONFIG)
         if found not in checksums:
@@ -99,7 +119,7 @@ def read_plain_config(path: Path, record: Mapping[str, Any]) -> dict[str, Any]:
         raise InputError(f"cannot read the run: {error}") from error
 
 
-def read_config(path: Path, record: Mapping[str, Any]) -> RunConfig:
+def read_config(path: Path, record: RunRecord) -> RunConfig:
     """A run's configuration.
 
     Raises:
@@ -111,13 +131,13 @@ def read_config(path: Path, record: Mapping[str, Any]) -> RunConfig:
         raise InputError(f"{path / CONFIG_FILE}: {describe_error(error, RunConfig)[1]}") from error
 
 
-def check_log(path: Path, record: Mapping[str, Any]) -> None:
+def check_log(path: Path, record: RunRecord) -> None:
     """Check the episodes of a run that has ended.
 
     Raises:
         InputError: they cannot be read, or are not what the run wrote.
     """
-    file, checksum = path / EPISODES_FILE, record.get("episodes_sha256")
+    file, checksum = path / EPISODES_FILE, record.episodes_sha256
     try:
         if checksum is not None and checksum_of_file(file, LARGEST_LOG) != checksum:
             raise ValueError(f"{file} is not what was written: its checksum (sha256) does not fit")
@@ -127,12 +147,10 @@ def check_log(path: Path, record: Mapping[str, Any]) -> None:
         raise InputError(f"cannot read the run: {error}") from error
 
 
-def status_of(path: Path, record: Mapping[str, Any]) -> SeenStatus:
+def status_of(path: Path, record: RunRecord) -> SeenStatus:
     """A run's status, "died" where it says "running" and nobody writes it."""
-    if record["status"] == "running" and not is_alive(path, record):
-        return "died"
-    status: SeenStatus = record["status"]
-    return status
+    is_dead = record.status == "running" and not is_alive(path, record.pid, record.boot_id)
+    return "died" if is_dead else record.status
 
 
 def has_checkpoint(path: Path) -> bool:

@@ -62,7 +62,7 @@ class TrainingJob:
             with suppress(InputError):  # begun and killed before there was a record, or damaged
                 record = read_record(path)
                 if read_config(path, record) == self.config:
-                    found.append((record["status"] != "completed", path))
+                    found.append((record.status != "completed", path))
         return min(found, key=lambda one: one[0])[1] if found else None
 
     def status(self) -> SeenStatus | Literal["not begun"]:
@@ -73,7 +73,7 @@ class TrainingJob:
     def completed(self) -> Path | None:
         """The run's directory if it is complete."""
         path = self.find()
-        return path if path and read_record(path)["status"] == "completed" else None
+        return path if path and read_record(path).status == "completed" else None
 
     def as_job(self, folder: Path, cost: float = 1.0) -> Job:
         """The process that runs it; its order and log are kept in ``folder``."""

@@ -28,7 +28,7 @@ from orchid_uav.experiments.configuration import RunConfig
 from orchid_uav.experiments.errors import InputError, RunFailedError
 from orchid_uav.experiments.interruption import Interruption, interruption_requests
 from orchid_uav.experiments.runs.directory import Row, RunDirectory, final_metrics
-from orchid_uav.experiments.runs.records import Status, former_ids
+from orchid_uav.experiments.runs.records import Status
 from orchid_uav.experiments.training.builders import (
     build_model,
     build_reset_and_finetune,
@@ -163,7 +163,7 @@ def _learn(
     model = build_model(config, env)  # SB3 seeds the worlds here, and torch
     model.set_logger(Logger(folder=None, output_formats=[]))
     reset_and_finetune = build_reset_and_finetune(config)
-    checkpoints = CheckpointStore(run.path, run.id, config.checkpoint.keep, former_ids(run.record))
+    checkpoints = CheckpointStore(run.path, run.id, config.checkpoint.keep, run.record.former_ids)
 
     def take(rows: Sequence[Row]) -> None:
         run.append_episodes(rows)
@@ -195,7 +195,7 @@ def _learn(
         outcome.rows = _go_back(training, checkpoints, run, reporter)
         if reset_and_finetune is not None:
             outcome.reset_episodes = reset_and_finetune.reset_episodes
-        outcome.seconds = float(run.record["seconds"] or 0.0)
+        outcome.seconds = run.record.seconds
         outcome.is_restored = True
         for tracker in trackers:
             tracker.resume(len(outcome.rows))

@@ -3,7 +3,7 @@
 import shlex
 import textwrap
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 
@@ -128,26 +128,26 @@ def print_run(out: Console, run: "Run") -> None:
     """All that is known of one."""
     from orchid_uav.experiments.runs.directory import FINAL_EPISODES
     from orchid_uav.experiments.runs.index import changed, checkpoints_of, value_text
-    from orchid_uav.experiments.runs.records import CONFIG_FILE, former_ids
+    from orchid_uav.experiments.runs.records import CONFIG_FILE
 
     record = run.record
-    host, versions = record["host"], record["versions"]
+    host, versions = record.host, record.versions
     facts = {
         "run": run.id,
         "directory": str(run.path),
-        "recorded as": record["id"] if record["id"] != run.id else None,
-        "formerly": ", ".join(former_ids(record)),
+        "recorded as": record.id if record.id != run.id else None,
+        "formerly": ", ".join(record.former_ids),
         "status": run.status,
-        "error": record["error"],
+        "error": record.error,
         "go on with": run.resume,
-        "episodes": f"{record['episodes']} of {run.planned_episodes}",
+        "episodes": f"{record.episodes} of {run.planned_episodes}",
         "resets": _resets(run),
-        "started": _time(record["started"]),
-        "finished": _time(record["finished"]),
-        "learning took": f"{record['seconds']:.1f} s" if record["seconds"] else None,
-        "resumed": _resumed(record.get("resumed", [])),
+        "started": _time(record.started),
+        "finished": _time(record.finished),
+        "learning took": f"{record.seconds:.1f} s" if record.seconds else None,
+        "resumed": ", ".join(_time(one.time) for one in record.resumed),
         "checkpoints": ", ".join(map(str, checkpoints_of(run))) or "none",
-        "command": shlex.join(map(str, record["command"])),
+        "command": shlex.join(record.command),
         "host": ", ".join(f"{key} {value_text(value)}" for key, value in host.items()),
         "versions": ", ".join(f"{key} {value_text(value)}" for key, value in versions.items()),
     }
@@ -163,7 +163,7 @@ def print_run(out: Console, run: "Run") -> None:
     else:
         print_line(out, f"{CONFIG_FILE}: all defaults")
     print_line(out, "")
-    _print_metrics(out, [run], [f"mean of last {min(FINAL_EPISODES, record['episodes'])}"])
+    _print_metrics(out, [run], [f"mean of last {min(FINAL_EPISODES, record.episodes)}"])
 
 
 def _print_facts(out: Console, facts: dict[str, str]) -> None:
@@ -181,19 +181,12 @@ def _print_facts(out: Console, facts: dict[str, str]) -> None:
 def _resets(run: "Run") -> str:
     if not run.config.get("reset.enabled"):
         return "Reset-and-Finetune is off"
-    episodes = ", ".join(map(str, run.record["reset_episodes"]))
+    episodes = ", ".join(map(str, run.record.reset_episodes))
     return f"after episode {episodes}" if episodes else "none"
 
 
-def _resumed(entries: Any) -> str:
-    """Times; the list comes from a file that may hold anything."""
-    if not isinstance(entries, list):
-        return ""
-    return ", ".join(_time(one.get("time")) for one in entries if isinstance(one, dict))
-
-
-def _time(text: Any) -> str:
-    return str(text or "").replace("T", " ").replace("+00:00", " UTC")
+def _time(text: str | None) -> str:
+    return (text or "").replace("T", " ").replace("+00:00", " UTC")
 
 
 def print_comparison(out: Console, runs: Sequence["Run"]) -> None:
@@ -222,23 +215,26 @@ def _print_metrics(out: Console, runs: Sequence["Run"], names: Sequence[str]) ->
     from orchid_uav.experiments.runs.index import TRAINING_METRICS, value_text
 
     apart = reward_differences([run.config for run in runs])
-    if len({run.record["episodes"] for run in runs}) > 1:
+    if len({run.record.episodes for run in runs}) > 1:
         apart.append("the episodes so far, with which its weights change")
     rows = []
     for key in TRAINING_METRICS:
-        values = [run.record["final"].get(key) for run in runs]
+        values = [run.record.final.get(key) for run in runs]
         if key not in METRICS or values == [None] * len(values):
             continue
         cells = [value_text(value, key) for value in values]
         if len(runs) == 2:
-            known = None not in values and not (key == REWARD and apart)
-            cells.append(value_text(values[1] - values[0], key) if known else "-")
+            one, other = values
+            if one is None or other is None or (key == REWARD and apart):
+                cells.append("-")
+            else:
+                cells.append(value_text(other - one, key))
         rows.append([heading_of(key), *cells])
     if not rows:
         print_line(out, "no final metrics: there is no episode yet")
         return
     more = ["difference"] if len(runs) == 2 else []
-    longest = max(int(run.record["episodes"]) for run in runs)
+    longest = max(run.record.episodes for run in runs)
     title = f"mean of last {min(FINAL_EPISODES, longest)}" if len(runs) > 1 else "metric"
     _print(out, [title, *names, *more], rows)
     if apart and len(runs) > 1:

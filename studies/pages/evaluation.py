@@ -1,7 +1,6 @@
 """Blocks of the documentation about evaluations, from the committed summaries."""
 
 import hashlib
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -62,10 +61,10 @@ def commands_block() -> str:
     """How every released policy was trained."""
     rows = []
     for key, arguments in COMMANDS.items():
-        record = json.loads((REFERENCE / key / "run.json").read_text(encoding="utf-8"))
-        resets = ", ".join(map(str, record["reset_episodes"])) or "–"
+        record = read_record(REFERENCE / key)
+        resets = ", ".join(map(str, record.reset_episodes)) or "–"
         command = " ".join(["orchid train", *arguments])
-        rows.append([f"`{key}`", RELEASED[key], f"`{command}`", f"{record['seconds']:.0f}", resets])
+        rows.append([f"`{key}`", RELEASED[key], f"`{command}`", f"{record.seconds:.0f}", resets])
     header = ["key", "what", "trained by", "seconds", "resets at episode"]
     return (
         table(header, rows, words=3)

@@ -65,8 +65,8 @@ def test_needs_neither_torch_nor_sb3(saved):
 
 def test_says_what_it_is(saved):
     actor = load_policy(saved)
-    assert actor.description["run"] == "here"
-    assert actor.description["layer_sizes"] == [16, 32, 32, 4]
+    assert actor.description.run == "here"
+    assert actor.description.layer_sizes == [16, 32, 32, 4]
     assert (actor.observation_size, actor.action_size) == (16, 4)
     assert actor.log_std.shape == (4,)
 

@@ -825,7 +825,7 @@ class TestInterruption:
         assert record["status"] == "interrupted"
         assert columns(run)["episode"] == list(range(1, record["episodes"] + 1))
         assert json.loads(out)["episodes"] == record["episodes"] >= 3
-        assert load_policy(run).description["episodes"] == record["episodes"]
+        assert load_policy(run).description.episodes == record["episodes"]
 
     @pytest.mark.parametrize(("seconds", "is_urgent"), [(0.0, False), (1.1, True)])
     def test_twice_within_a_second_is_once_and_later_ends_at_once(

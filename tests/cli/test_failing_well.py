@@ -251,7 +251,7 @@ class TestFullDisk:
         run = run_in(disk.path / "runs")
         assert_failed(finished, "failed after 6 episodes", FULL)
         record = read_record(run)
-        assert record["status"] == "running", "the reserve has no purpose"
+        assert record.status == "running", "the reserve has no purpose"
         assert status_of(run, record) == "died"
         disk.empty()
         finished = orchid("train", "--resume", run, "--quiet")
@@ -442,7 +442,7 @@ class TestReadOnly:
         record = read_record(run)
         if folder == "checkpoints":
             assert_failed(finished, "Permission denied", "checkpoint of episode 4 is kept")
-            assert record["status"] == "failed"
+            assert record.status == "failed"
             assert checkpoints_of(run) == ["2", "4"]
         else:  # the run's record cannot be written, nor its policy
             assert_failed(finished, "Permission denied", "failed after 8 episodes")
@@ -482,14 +482,14 @@ class TestClock:
         assert orchid(*TRAIN, *EIGHT, "--runs-dir", runs_dir).code == 1
         [run] = new_runs()
         before = read_record(run)
-        assert 0.0 <= before["seconds"] < 60
+        assert 0.0 <= before.seconds < 60
         resumed = orchid("train", "--resume", run)
         assert resumed.code == 0, resumed.err
         assert "going on behind episode 4" in resumed.out
         assert learned_files(run) == wanted
         after = read_record(run)
-        assert before["seconds"] <= after["seconds"] < 60
-        assert after["started"] == before["started"]
+        assert before.seconds <= after.seconds < 60
+        assert after.started == before.started
         listed = orchid("runs", "list", "--runs-dir", runs_dir, "--json")
         assert run.name in listed.out
         # A run is told by its own id from one that began "later", and from one in the same second.

@@ -361,7 +361,7 @@ def lab(tmp_path_factory):
 
 
 def names(found: list[Run]) -> str:
-    return "".join(run.record["name"] for run in found)
+    return "".join(run.record.name for run in found)
 
 
 def chosen(lab: Path, *conditions: str, order: str = "") -> str:

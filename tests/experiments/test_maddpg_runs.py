@@ -176,7 +176,7 @@ class TestRun:
         assert logged["entropy_coef"] == logged["reset"] == [0] * 5
         assert (logged["actor_lr"], logged["critic_lr"]) == ([1e-4] * 5, [1e-3] * 5)
         policy = load_policy(path)
-        assert policy.description["algorithm"] == "maddpg"
+        assert policy.description.algorithm == "maddpg"
         np.testing.assert_allclose(policy.log_std, np.full(4, math.log(0.1)), rtol=1e-6)
         actions = policy.act(np.random.default_rng(0).random((7, 16), dtype=np.float32))
         assert actions.shape == (7, 4)

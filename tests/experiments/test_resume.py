@@ -820,7 +820,7 @@ class TestCommand:
         record = record_of(complete)
         assert (record["status"], record["episodes"]) == ("completed", 6)
         assert "next_config_sha256" not in record
-        assert read_config(complete, record).training.episodes == 6
+        assert read_config(complete, read_record(complete)).training.episodes == 6
         assert record["resumed"][0]["command"][-3:] == ["--episodes=6", "--json", "--quiet"]
 
     def test_with_as_many_episodes_as_planned_changes_nothing(self, stopped, orchid):

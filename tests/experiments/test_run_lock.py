@@ -16,13 +16,17 @@ from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.provenance import boot_id
 from orchid_uav.experiments.runs import lock as run_lock
 from orchid_uav.experiments.runs.lock import LOCK_FILE, RunLock, is_alive
-from orchid_uav.experiments.runs.records import status_of
+from orchid_uav.experiments.runs.records import RunRecord, status_of
 from orchid_uav.notices import show_on_stderr
 from tests.helpers.processes import forked
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="fork and signals are POSIX")
 
 GIVE_UP_AFTER_S = 30.0
+
+
+def record_saying(status, pid=None, boot=None) -> RunRecord:
+    return RunRecord.model_construct(status=status, pid=pid, boot_id=boot)
 
 
 @pytest.fixture
@@ -91,7 +95,7 @@ class TestRight:
     def test_ends_with_a_process_that_is_killed(self, run, holder, no_patience):
         for _ in range(3):
             kill(holder())
-            assert not is_alive(run, {})
+            assert not is_alive(run)
             RunLock(run).release()
 
     def test_is_not_inherited_by_programs_that_the_process_starts(self, run, holder, no_patience):
@@ -162,25 +166,25 @@ class TestRight:
 
 class TestIsAlive:
     def test_only_while_the_lock_is_held(self, run, holder):
-        assert not is_alive(run, {})
+        assert not is_alive(run)
         child = holder()
-        assert [is_alive(run, {}) for _ in range(3)] == [True] * 3
+        assert [is_alive(run) for _ in range(3)] == [True] * 3
         kill(child)
-        assert [is_alive(run, {}) for _ in range(3)] == [False] * 3
+        assert [is_alive(run) for _ in range(3)] == [False] * 3
 
     def test_a_look_neither_takes_nor_leaves_anything(self, run, no_patience):
-        is_alive(run, {})
+        is_alive(run)
         assert list(run.iterdir()) == []
         lock = RunLock(run)
-        assert is_alive(run, {})
+        assert is_alive(run)
         lock.release()
-        assert not is_alive(run, {})
+        assert not is_alive(run)
         RunLock(run).release()
         assert [path.name for path in run.iterdir()] == [LOCK_FILE]
 
     def test_whatever_the_record_says_where_the_lock_can_be_asked(self, run):
         RunLock(run).release()
-        assert not is_alive(run, {"pid": os.getpid(), "boot_id": boot_id()})
+        assert not is_alive(run, os.getpid(), boot_id())
 
     @pytest.fixture
     def read_only(self, run, monkeypatch):
@@ -194,20 +198,20 @@ class TestIsAlive:
         return run
 
     def test_where_it_cannot_the_process_is_looked_for(self, read_only):
-        mine = {"pid": os.getpid(), "boot_id": boot_id()}
-        assert is_alive(read_only, mine)
+        mine = os.getpid(), boot_id()
+        assert is_alive(read_only, *mine)
         child = forked(lambda: None)
         os.waitpid(child, 0)
-        assert not is_alive(read_only, mine | {"pid": child})
+        assert not is_alive(read_only, child, boot_id())
 
     @pytest.mark.skipif(boot_id() is None, reason="no boot id here")
     def test_a_process_from_before_the_machine_was_started_anew_is_gone(self, read_only):
-        assert not is_alive(read_only, {"pid": os.getpid(), "boot_id": "another"})
-        assert not is_alive(read_only, {"pid": os.getpid()})
+        assert not is_alive(read_only, os.getpid(), "another")
+        assert not is_alive(read_only, os.getpid())
 
-    @pytest.mark.parametrize("pid", [None, "1", 2**70, 2**31 - 1, 1.5])
+    @pytest.mark.parametrize("pid", [None, 2**70, 2**31 - 1])
     def test_what_is_no_process_is_not_alive(self, read_only, pid):
-        assert not is_alive(read_only, {"pid": pid, "boot_id": boot_id()})
+        assert not is_alive(read_only, pid, boot_id())
 
 
 class TestFileSystemWithoutLocks:
@@ -234,13 +238,13 @@ class TestFileSystemWithoutLocks:
 
     def test_whether_it_is_alive_the_process_says(self, without_locks):
         lock = RunLock(without_locks)
-        mine = {"pid": os.getpid(), "boot_id": boot_id()}
-        assert is_alive(without_locks, mine)
+        mine = os.getpid(), boot_id()
+        assert is_alive(without_locks, *mine)
         child = forked(lambda: None)
         os.waitpid(child, 0)
-        assert not is_alive(without_locks, mine | {"pid": child})
+        assert not is_alive(without_locks, child, boot_id())
         lock.release()
-        assert status_of(without_locks, mine | {"status": "running"}) == "running"
+        assert status_of(without_locks, record_saying("running", *mine)) == "running"
 
     def test_a_failure_is_no_refusal(self, run, monkeypatch):
         def fail(descriptor, operation):
@@ -254,10 +258,10 @@ class TestFileSystemWithoutLocks:
 class TestStatus:
     @pytest.mark.parametrize("status", ["completed", "failed", "interrupted"])
     def test_of_a_run_that_has_ended_is_what_it_says(self, run, status):
-        assert status_of(run, {"status": status}) == status
+        assert status_of(run, record_saying(status)) == status
 
     def test_of_one_that_says_it_is_running_depends_on_its_process(self, run, holder):
-        record = {"status": "running"}
+        record = record_saying("running")
         assert status_of(run, record) == "died"
         child = holder()
         assert status_of(run, record) == "running"

@@ -231,8 +231,8 @@ class TestDirectory:
         with torch.no_grad():
             expected = models[0].policy.action_mean(torch.from_numpy(observations)).numpy()
         np.testing.assert_allclose(policy.act(observations), expected, rtol=1e-5, atol=1e-6)
-        assert policy.description["run"] == outcome.run.id
-        assert policy.description["episodes"] == 3
+        assert policy.description.run == outcome.run.id
+        assert policy.description.episodes == 3
 
     def test_tensorboard_shows_every_episode(self, train):
         from tensorboard.backend.event_processing.event_file_loader import LegacyEventFileLoader
@@ -392,7 +392,7 @@ class TestInterruption:
         assert record["final"] == pytest.approx(
             {name: statistics.fmean(columns(path)[name]) for name in COLUMNS[1:]}, rel=1e-12
         )
-        assert load_policy(path).description["episodes"] == 3
+        assert load_policy(path).description.episodes == 3
         assert outcome.summary()["episodes"] == 3
 
     def test_changes_nothing_about_what_came_before(self, train):
