@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import (
     BaseModel,
+    BeforeValidator,
     ConfigDict,
     ValidationError,
     ValidationInfo,
@@ -71,6 +72,14 @@ def with_current_keys(values: Mapping[str, Any]) -> dict[str, Any]:
             renamed |= {old: dict(source), new: dict(target)}
             move(renamed[old], old_field, renamed[new], new_field)
     return renamed
+
+
+def _renamed(values: Any) -> Any:
+    return with_current_keys(values) if isinstance(values, Mapping) else values
+
+
+CURRENT_KEYS = BeforeValidator(_renamed)
+"""What a field is annotated with that holds keys and values: former keys are read as well."""
 
 
 class Section(BaseModel):
@@ -355,7 +364,7 @@ class Parameters(Section):
     @model_validator(mode="before")
     @classmethod
     def _of_any_version(cls, values: Any) -> Any:
-        return with_current_keys(values) if isinstance(values, Mapping) else values
+        return _renamed(values)
 
     @model_validator(mode="after")
     def _room_for_a_random_start(self) -> Parameters:

@@ -1,7 +1,6 @@
 """How every metric of an episode is called, scaled and judged, for tables, plots and pages."""
 
-from collections.abc import Mapping
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 from orchid_uav.envs.metrics import DIAGNOSTIC_METRICS, EPISODE_METRICS
 
@@ -40,9 +39,9 @@ def heading_of(key: str) -> str:
     return METRICS[key].heading if key in METRICS else key
 
 
-def label_of(result: Mapping[str, Any]) -> str:
-    """The method of a result, and whether its actions are sampled."""
-    return result["method"] + ("" if result["deterministic"] else ", sampled")
+def label_of(method: str, deterministic: bool) -> str:
+    """A method, and whether its actions are sampled."""
+    return method + ("" if deterministic else ", sampled")
 
 
 METRICS: dict[str, Metric] = {

@@ -44,6 +44,7 @@ from orchid_uav.experiments.errors import InputError, RunFailedError
 from orchid_uav.notices import show_on_stderr
 
 if TYPE_CHECKING:
+    from orchid_uav.experiments.ablation.result import AblationResult
     from orchid_uav.experiments.ablation.study import AblationStudy
     from orchid_uav.experiments.ablation.variants import Variant
     from orchid_uav.experiments.jobs.local_processes import LocalProcesses
@@ -162,13 +163,13 @@ def ablate(
             print_line(console(stderr=True), f"interrupted; this goes on: {again}")
             raise typer.Exit(INTERRUPTED)
         if as_json:
-            print(json.dumps(document, allow_nan=False))
+            print(json.dumps(document.to_json(), allow_nan=False))
         else:
             from orchid_uav.cli.tables.ablation import print_ablation
 
             print_ablation(shown, document)
-        print_line(shown, f"{document['status']}: {directory}")
-        if document["status"] == "failed":
+        print_line(shown, f"{document.status}: {directory}")
+        if document.status == "failed":
             print_line(console(stderr=True), f"this tries the failed runs again: {again}")
             raise typer.Exit(FAILED)
         if not (as_json or quiet):
@@ -204,7 +205,7 @@ def _words(text: str | None) -> list[str]:
 
 def _run(
     study: "AblationStudy", executor: "LocalProcesses", shown: Console, quiet: bool, again: str
-) -> dict[str, Any] | None:
+) -> "AblationResult | None":
     """Train and evaluate; None if interrupted."""
     from orchid_uav.cli.progress.evaluation import evaluation_progress
     from orchid_uav.cli.progress.jobs import job_progress

@@ -194,12 +194,12 @@ def evaluate(
                 plan, description, directory, command, flown, progress, figures
             )
         if as_json:
-            print(json.dumps(document, allow_nan=False))
-        elif document["results"]:
+            print(json.dumps(document.to_json(), allow_nan=False))
+        elif document.results:
             from orchid_uav.cli.tables.evaluation import print_tables
 
-            print_tables(shown, document["results"], shown_metrics)
-        if document["status"] == "interrupted":
+            print_tables(shown, document.results, shown_metrics)
+        if document.status == "interrupted":
             again = shlex.join([*command, *([] if out else ["--out", str(directory)])])
             print_line(console(stderr=True), f"interrupted; this goes on: {again}")
             raise typer.Exit(INTERRUPTED)

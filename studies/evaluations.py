@@ -83,7 +83,9 @@ def planner_wins(rows: list[dict[str, Any]]) -> dict[str, float]:
     for row in rows:
         own = tuple(row[name] for name in names)
         if own in planned and row["method"] != CEILING:
-            wins.setdefault(label_of(row), []).append(planned[own] > row["utility"])
+            wins.setdefault(label_of(row["method"], row["deterministic"]), []).append(
+                planned[own] > row["utility"]
+            )
     return {label: sum(won) / len(won) for label, won in wins.items()}
 
 

@@ -9,12 +9,14 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from orchid_uav.experiments.ablation.result import AblationResult
 from orchid_uav.experiments.provenance import (
     CHANGES,
     describe_host,
     describe_versions,
     git_commit,
 )
+from orchid_uav.experiments.statistics.results import EvaluationSummary
 from orchid_uav.storage.files import write_atomically
 
 SCHEMA = 1
@@ -102,6 +104,23 @@ def rounded(value: Any) -> Any:
     return value
 
 
+class StudySummary(EvaluationSummary):
+    """The committed summary of an evaluation."""
+
+    planner_wins: dict[str, float]
+    """By method, the share of its flights in which the planner has the higher utility."""
+
+
+def read_evaluation(name: str) -> StudySummary:
+    """The committed summary of an evaluation."""
+    return StudySummary.from_json(read(name))
+
+
+def read_ablation(name: str) -> AblationResult:
+    """The committed result of an ablation."""
+    return AblationResult.from_json(read(name))
+
+
 def read(name: str) -> dict[str, Any]:
-    """A committed result."""
+    """A committed result of any kind."""
     return json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8"))

@@ -13,11 +13,13 @@ import numpy as np
 import pytest
 
 from orchid_uav.experiments.configuration import configuration_keys
+from orchid_uav.experiments.statistics.intervals import MetricSummary
 from studies.deployment import RESULT, fly
 from studies.pages import ablation as ablations
 from studies.pages.evaluation import FIGURE_SOURCES, coverage_sentence, figure_digests
 from studies.pages.generate import configuration_page, pages
 from studies.pages.markdown import metrics_table
+from studies.recording import read_evaluation
 from tests.helpers.processes import TINY
 
 ROOT = Path(__file__).parent.parent
@@ -54,14 +56,15 @@ def test_figures_were_drawn_from_what_is_committed():
 
 
 def test_results_of_before_total_coverage_make_pages_without_it():
-    results = [
-        {"method": "hover", "deterministic": True, "coverage": {"mean": 1.0, "std": 0.0}}
-        | {
-            name: {"mean": mean, "std": 0.1}
-            for name, mean in (("total_coverage", total), ("gbs_coverage", 0.475))
-        }
-        for total in (0.925, 0.9)
-    ]
+    hover = read_evaluation("methods").results[0].model_copy(update={"method": "hover"})
+    results = [hover.model_copy(deep=True) for _ in range(2)]
+    for result, total in zip(results, (0.925, 0.9), strict=True):
+        result.metrics.clear()
+        for name, mean, std in (
+            *(("coverage", 1.0, 0.0), ("total_coverage", total, 0.1)),
+            ("gbs_coverage", 0.475, 0.1),
+        ):
+            result.metrics[name] = MetricSummary(mean=mean, std=std, ci95=None)
     assert coverage_sentence(results) == (
         "The drones cover 1.000 of their own users (*target users*), and 0.900 to 0.925 of all "
         "users are covered: of those left to it, the ground station reaches 0.475.\n"
@@ -69,21 +72,23 @@ def test_results_of_before_total_coverage_make_pages_without_it():
     metrics = ("coverage", "total_coverage")
     assert "| 1.000 | 0.925 ± 0.100 |" in metrics_table(results, metrics)
     for result in results:
-        del result["total_coverage"]
+        del result.metrics["total_coverage"]
     assert coverage_sentence(results) == ""
     assert metrics_table(results, metrics).splitlines()[2] == "| `hover` | 1.000 |"
 
 
 def test_words_that_do_not_follow_from_the_results_are_not_written(monkeypatch):
-    document = ablations.read(ablations.NAME)
-    found = document["comparisons"]["evaluation"]["no-rf"]["utility"]
-    monkeypatch.setattr(ablations, "read", lambda name: document)
-    for change, words in (
-        (lambda: found.update(verdict="worse"), "no difference is shown"),
-        (lambda: found.update(verdict="equivalent"), None),
-        (lambda: document["runs"][0]["training"].update(reward=0.0), "reward is lower in every"),
+    document = ablations.read_ablation(ablations.NAME)
+    found = document.comparisons["evaluation"]["no-rf"]["utility"]
+    monkeypatch.setattr(ablations, "read_ablation", lambda name: document)
+    for verdict, reward, words in (
+        ("worse", None, "no difference is shown"),
+        ("equivalent", None, None),
+        ("equivalent", 0.0, "reward is lower in every"),
     ):
-        change()
+        found.verdict = verdict
+        if reward is not None:
+            document.runs[0].training["reward"] = reward
         if words is None:
             ablations.summary_block()
         else:

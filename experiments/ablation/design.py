@@ -1,5 +1,6 @@
 """A base and its variants: trained on the same seeds, flown over the same topologies, compared."""
 
+import json
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -9,6 +10,7 @@ from typing import Any
 
 from orchid_uav.callbacks.reset_and_finetune import has_plateaued
 from orchid_uav.envs.metrics import REWARD
+from orchid_uav.experiments.ablation.result import AblationSettings, TriggerReplay
 from orchid_uav.experiments.ablation.variants import BASE, Variant, apply_variant
 from orchid_uav.experiments.configuration import (
     LEARNING_SECTIONS,
@@ -28,10 +30,16 @@ from orchid_uav.experiments.evaluation.methods import (
 from orchid_uav.experiments.metrics import METRICS
 from orchid_uav.experiments.runs.directory import FINAL_EPISODES, Row, final_metrics
 from orchid_uav.experiments.statistics.comparison import (
+    NOT_COMPARED,
+    Comparison,
+    Difference,
+    SeedSummary,
     compare_families,
     compare_pairs,
     describe_seeds,
 )
+from orchid_uav.experiments.statistics.intervals import INTERVAL, UNKNOWN
+from orchid_uav.experiments.statistics.results import EvaluationResult
 from orchid_uav.experiments.training.job import TrainingJob
 
 FLOWN = (
@@ -47,8 +55,6 @@ TRAINED = (REWARD, *FLOWN[:-1])
 """Metrics of the last training episodes that are compared: another family per variant."""
 SETTLED = (151, 200)
 """Episodes that the last ones are compared with, to see whether a metric falls late (claim C4)."""
-NOT_COMPARED = "not compared"
-"""Verdict on the rewards of two different functions."""
 WINDOWS = (10, 25, 50, 100)
 TOLERANCES = (0.01, 0.02, 0.05, 0.1)
 """For which Reset-and-Finetune's trigger is replayed on runs that had none."""
@@ -92,16 +98,19 @@ class Ablation:
             for name, config in self.configurations().items()
         ]
 
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> AblationSettings:
         """The settings, as ``ablation.json`` has them."""
-        return {
-            "base": self.base.model_dump(mode="json"),
-            "variants": {variant.name: dict(variant.values) for variant in self.variants},
-            "seeds": list(self.seeds),
-            "topologies": self.topologies,
-            "evaluation_seed": self.evaluation_seed,
-            "margin": self.margin,
-        }
+        variants = {variant.name: dict(variant.values) for variant in self.variants}
+        return AblationSettings(
+            base=self.base.model_dump(mode="json"),
+            variants=json.loads(json.dumps(variants)),  # of tuples, lists
+            seeds=list(self.seeds),
+            topologies=self.topologies,
+            evaluation_seed=self.evaluation_seed,
+            margin=self.margin,
+            ci95=f"{INTERVAL}, over training seeds",
+            family="the figures of one variant in one kind of flight, or in training",
+        )
 
     def plan(self, policies: Mapping[tuple[str, int], Policy]) -> Plan:
         """The flights of all policies, their zero-action twins and simple rules.
@@ -179,17 +188,15 @@ def read_policies(jobs: Iterable[TrainingJob]) -> dict[tuple[str, int], Policy]:
 
 
 def flown_values(
-    results: Iterable[Mapping[str, Any]], name: str, seeds: Sequence[int], deterministic: bool
+    results: Iterable[EvaluationResult], name: str, seeds: Sequence[int], deterministic: bool
 ) -> Values:
     """Mean over the topologies, per metric and seed."""
     found = {
-        result["method"]: result for result in results if result["deterministic"] == deterministic
+        result.method: result.metrics for result in results if result.deterministic == deterministic
     }
-    nothing = {"mean": None}
     return {
         metric: [
-            _number(found.get(key_of(name, seed), {}).get(metric, nothing)["mean"])
-            for seed in seeds
+            _number(found.get(key_of(name, seed), {}).get(metric, UNKNOWN).mean) for seed in seeds
         ]
         for metric in FLOWN
     }
@@ -210,7 +217,7 @@ def compare(
     metrics: Sequence[str],
     margin: float,
     rewarded_otherwise: Collection[str] = (),
-) -> dict[str, dict[str, dict[str, Any]]]:
+) -> dict[str, dict[str, Comparison]]:
     """Every variant against the base, metric by metric; the metrics of a variant are one family.
 
     Args:
@@ -243,17 +250,18 @@ def compare(
     return comparisons
 
 
-def _uncompared(base: Sequence[float], variant: Sequence[float]) -> dict[str, Any]:
+def _uncompared(base: Sequence[float], variant: Sequence[float]) -> Comparison:
     """As of a metric that is compared, with nothing but the counts of runs."""
-    counts = ("n", "seeds", "failed_base", "failed_variant")
-    nothing = dict.fromkeys(("mean", "median", "iqm", "ci95", "ci95_of"))
-    return {
-        name: value if name in counts else nothing if name == "difference" else None
-        for name, value in compare_pairs(base, variant, None).items()
-    } | {"p_holm": None, "smallest_p_holm": None, "verdict": NOT_COMPARED}
+    counted = compare_pairs(base, variant, None)
+    known: dict[str, Any] = {
+        name: getattr(counted, name) for name in ("n", "seeds", "failed_base", "failed_variant")
+    }
+    known["difference"] = Difference(mean=None, median=None, iqm=None, ci95=None, ci95_of=None)
+    known["verdict"] = NOT_COMPARED
+    return counted.model_copy(update=dict.fromkeys(Comparison.model_fields) | known)
 
 
-def describe_values(values: Mapping[str, Values]) -> dict[str, dict[str, dict[str, Any]]]:
+def describe_values(values: Mapping[str, Values]) -> dict[str, dict[str, SeedSummary]]:
     """Interquartile mean, mean, median and spread over seeds, by variant and metric."""
     return {
         name: {metric: describe_seeds(per_seed) for metric, per_seed in own.items()}
@@ -261,7 +269,9 @@ def describe_values(values: Mapping[str, Values]) -> dict[str, dict[str, dict[st
     }
 
 
-def late_changes(logs: Mapping[str, Sequence[Sequence[Row]]]) -> dict[str, Any] | None:
+def late_changes(
+    logs: Mapping[str, Sequence[Sequence[Row]]],
+) -> dict[str, dict[str, SeedSummary]] | None:
     """By variant and metric, the last episodes' mean minus that of ``SETTLED``, over seeds.
 
     None where runs are too short for that.
@@ -287,7 +297,7 @@ def _late_change(rows: Sequence[Row], metric: str) -> float:
     return fmean(values[-FINAL_EPISODES:]) - fmean(values[first - 1 : last])
 
 
-def replayed_trigger(logs: Sequence[Sequence[Row]]) -> list[dict[str, Any]]:
+def replayed_trigger(logs: Sequence[Sequence[Row]]) -> list[TriggerReplay]:
     """When Reset-and-Finetune's trigger would have fired on runs, for a grid of its parameters.
 
     On a policy that does not learn every firing is a false alarm. One tolerance holds for both
@@ -299,13 +309,13 @@ def replayed_trigger(logs: Sequence[Sequence[Row]]) -> list[dict[str, Any]]:
             episodes = [_first_firing(rows, window, tolerance) for rows in logs if rows]
             fired = [episode for episode in episodes if episode is not None]
             table.append(
-                {
-                    "window": window,
-                    "tolerance": tolerance,
-                    "runs": len(episodes),
-                    "fired": len(fired),
-                    "median_episode": median(fired) if fired else None,
-                }
+                TriggerReplay(
+                    window=window,
+                    tolerance=tolerance,
+                    runs=len(episodes),
+                    fired=len(fired),
+                    median_episode=median(fired) if fired else None,
+                )
             )
     return table
 

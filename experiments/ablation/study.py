@@ -1,6 +1,5 @@
 """The directory of an ablation: its runs, their flights, what they say."""
 
-import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -8,7 +7,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
 
-from orchid_uav.envs.parameters import with_current_keys
 from orchid_uav.experiments.ablation.design import (
     FLOWN,
     TRAINED,
@@ -22,6 +20,7 @@ from orchid_uav.experiments.ablation.design import (
     replayed_trigger,
     trained_values,
 )
+from orchid_uav.experiments.ablation.result import AblationHeader, AblationResult, AblationRun
 from orchid_uav.experiments.ablation.variants import FROZEN
 from orchid_uav.experiments.configuration import flatten
 from orchid_uav.experiments.errors import InputError, RunFailedError
@@ -32,7 +31,6 @@ from orchid_uav.experiments.evaluation.directory import (
     header_of,
     read_interrupted,
     run_evaluation,
-    settings_of,
     told_if_not_drawn,
 )
 from orchid_uav.experiments.evaluation.flights import FlightProgress, Plan
@@ -44,7 +42,7 @@ from orchid_uav.experiments.jobs.workload import Job
 from orchid_uav.experiments.runs.directory import Row, read_episodes
 from orchid_uav.experiments.runs.records import EPISODES_FILE, check_log, read_record
 from orchid_uav.experiments.statistics.curves import curve_table
-from orchid_uav.experiments.statistics.intervals import INTERVAL
+from orchid_uav.experiments.statistics.results import EvaluationResult, EvaluationSummary, Status
 from orchid_uav.experiments.training.job import TrainingJob
 from orchid_uav.storage.files import read_document, write_json
 
@@ -86,14 +84,13 @@ class AblationStudy:
             if not directory.exists() or (directory.is_dir() and not any(directory.iterdir())):
                 return
             document = read_document(directory / DOCUMENT_FILE, _LARGEST_DOCUMENT)
-            known = {key: document["settings"][key] for key in _FIXED}
-            known["base"] = with_current_keys(known["base"])
-        except (OSError, ValueError, LookupError, TypeError) as error:
+            known = AblationHeader.from_json(document).settings
+        except (OSError, ValueError) as error:
             raise InputError(
                 f"--out {directory} holds no ablation, and is left alone: {error}"
             ) from error
-        wanted = json.loads(json.dumps(self.ablation.describe()))
-        differing = [key for key in _FIXED if known[key] != wanted[key]]
+        wanted = self.ablation.describe()
+        differing = [key for key in _FIXED if getattr(known, key) != getattr(wanted, key)]
         if differing:
             raise InputError(
                 f"--out {directory} holds an ablation with another {', '.join(differing)}; "
@@ -113,7 +110,7 @@ class AblationStudy:
         try:
             self.directory.mkdir(parents=True, exist_ok=True)
             # First of all: a directory that holds anything without it is somebody else's.
-            write_json(self.directory / DOCUMENT_FILE, self._header("running"))
+            write_json(self.directory / DOCUMENT_FILE, self._header("running").to_json())
             for folder in (JOBS_FOLDER, RUNS_FOLDER):
                 (self.directory / folder).mkdir(exist_ok=True)
         except OSError as error:
@@ -146,7 +143,7 @@ class AblationStudy:
         """Say in ``ablation.json`` that it is not what it is to be."""
         self._write(self._header("interrupted"))
 
-    def evaluate(self, progress: FlightProgress) -> dict[str, Any] | None:
+    def evaluate(self, progress: FlightProgress) -> AblationResult | None:
         """Fly all policies, compare them, and write ``ablation.json``; None if interrupted.
 
         Runs that failed count as failures; a variant may have no other.
@@ -159,24 +156,24 @@ class AblationStudy:
             self._write(self._header("failed"))
             raise RunFailedError(f"no run was completed; see {self.directory / JOBS_FOLDER}")
         summary = self._fly(self.ablation.plan(policies), progress)
-        if summary["status"] == "interrupted":
+        if summary.status == "interrupted":
             return None
         logs = {
             name: [_rows(job) for job in self.training_jobs if job.name == name]
             for name in self.ablation.configurations()
         }
         curves = {name: [rows for rows in own if rows] for name, own in logs.items()}
-        document = self._document(summary["results"], logs, curves)
+        document = self._document(summary.results, logs, curves)
         self._write(document)
         with told_if_not_drawn(self.directory):
             path, setting = self.directory / CURVES_FILE, self._setting()
             draw_learning_curves(curves, path, window=CURVE_WINDOW, title=setting)
-            write_ablation_sheet(self.directory, document, path, setting)
+            write_ablation_sheet(self.directory, document, self._facts(setting), path)
         return document
 
-    def _write(self, document: Mapping[str, Any]) -> None:
+    def _write(self, document: AblationHeader) -> None:
         with self._writing():
-            write_json(self.directory / DOCUMENT_FILE, document)
+            write_json(self.directory / DOCUMENT_FILE, document.to_json())
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
@@ -187,15 +184,16 @@ class AblationStudy:
                 f"cannot write to {self.directory}: {error.strerror or error}"
             ) from error
 
-    def _fly(self, plan: Plan, progress: FlightProgress) -> dict[str, Any]:
+    def _fly(self, plan: Plan, progress: FlightProgress) -> EvaluationSummary:
         """The summary of an evaluation that is complete already, or is gone on with, or begun."""
-        settings = json.loads(json.dumps(describe_plan(plan, 0)))
+        settings = describe_plan(plan, 0)
         folder = self.directory / EVALUATION_FOLDER
         try:
-            summary = read_document(folder / SUMMARY_FILE, _LARGEST_DOCUMENT)
-            if summary["status"] == "completed" and settings_of(summary) == settings:
+            document = read_document(folder / SUMMARY_FILE, _LARGEST_DOCUMENT)
+            summary = EvaluationSummary.from_json(document)
+            if summary.status == "completed" and summary.settings == settings:
                 return summary
-        except (OSError, ValueError, LookupError, TypeError):
+        except (OSError, ValueError):
             pass
         try:
             flown = read_interrupted(folder, plan, settings)
@@ -210,10 +208,10 @@ class AblationStudy:
 
     def _document(
         self,
-        results: Sequence[Mapping[str, Any]],
+        results: Sequence[EvaluationResult],
         logs: Mapping[str, Sequence[Sequence[Row]]],
         curves: Mapping[str, Sequence[Sequence[Row]]],
-    ) -> dict[str, Any]:
+    ) -> AblationResult:
         ablation = self.ablation
         names = list(ablation.configurations())
         flown = {
@@ -229,21 +227,33 @@ class AblationStudy:
             "training": (trained, TRAINED),
         }
         own_keys = {key_of(name, seed) for name in names for seed in ablation.seeds}
-        return self._header("failed" if self.waiting() else "completed") | {
-            "runs": [self._describe_run(job, families) for job in self.training_jobs],
-            "values": {kind: describe_values(values) for kind, (values, _) in families.items()},
-            "comparisons": {
+        return AblationResult(
+            **self._header("failed" if self.waiting() else "completed").to_json(),
+            runs=[self._describe_run(job, families) for job in self.training_jobs],
+            values={kind: describe_values(values) for kind, (values, _) in families.items()},
+            comparisons={
                 kind: compare(values, metrics, ablation.margin, ablation.rewarded_otherwise())
                 for kind, (values, metrics) in families.items()
             },
-            "others": [result for result in results if result["method"] not in own_keys],
-            "late_changes": late_changes(logs),
-            "replayed_trigger": {
+            others=[result for result in results if result.method not in own_keys],
+            late_changes=late_changes(logs),
+            replayed_trigger={
                 name: replayed_trigger(logs[name])
                 for name, config in ablation.configurations().items()
                 if name == FROZEN or not config.reset.enabled
             },
-            "learning_curves": curve_table(curves, TRAINED, CURVE_WINDOW, CURVE_STEP),
+            learning_curves=curve_table(curves, TRAINED, CURVE_WINDOW, CURVE_STEP),
+        )
+
+    def _facts(self, setting: str) -> dict[str, str]:
+        """What the page of the figure says of the study."""
+        ablation = self.ablation
+        return {
+            "Setting": setting,
+            "Compared": ", ".join(ablation.configurations()),
+            "Training seeds": ", ".join(map(str, ablation.seeds)),
+            "Topologies": f"{ablation.topologies:,} to fly afterwards, seed "
+            f"{ablation.evaluation_seed}, the same for all policies",
         }
 
     def _setting(self) -> str:
@@ -252,20 +262,20 @@ class AblationStudy:
 
     def _describe_run(
         self, job: TrainingJob, families: Mapping[str, tuple[Mapping[str, Any], Any]]
-    ) -> dict[str, Any]:
+    ) -> AblationRun:
         """A run's metrics, one number each: what the comparisons are made from."""
         path, seed = job.find(), job.config.training.seed
         record = read_record(path) if path else None
         index = list(self.ablation.seeds).index(seed)
-        return {
-            "variant": job.name,
-            "seed": seed,
-            "run": record.id if record else None,
-            "status": job.status(),
-            "episodes": record.episodes if record else 0,
-            "seconds": record.seconds if record else None,
-            "reset_episodes": record.reset_episodes if record else [],
-            "error": record.error if record else None,
+        return AblationRun(
+            variant=job.name,
+            seed=seed,
+            run=record.id if record else None,
+            status=job.status(),
+            episodes=record.episodes if record else 0,
+            seconds=record.seconds if record else None,
+            reset_episodes=record.reset_episodes if record else [],
+            error=record.error if record else None,
             **{
                 kind: {
                     metric: _json_number(per_seed[index])
@@ -273,15 +283,14 @@ class AblationStudy:
                 }
                 for kind, (values, _) in families.items()
             },
-        }
+        )
 
-    def _header(self, status: str) -> dict[str, Any]:
-        settings = self.ablation.describe() | {
-            "ci95": f"{INTERVAL}, over training seeds",
-            "family": "the figures of one variant in one kind of flight, or in training",
-        }
-        updated = datetime.now(UTC).isoformat(timespec="seconds")
-        return header_of(settings, self.command, status) | {"updated": updated}
+    def _header(self, status: Status) -> AblationHeader:
+        return AblationHeader(
+            **header_of(self.command, status),
+            settings=self.ablation.describe(),
+            updated=datetime.now(UTC).isoformat(timespec="seconds"),
+        )
 
 
 def _rows(job: TrainingJob) -> list[Row]:

@@ -1,8 +1,9 @@
 """The directory that an evaluation leaves: ``episodes.parquet``, ``summary.json``, figures."""
 
+import json
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
@@ -12,7 +13,6 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from orchid_uav.envs.parameters import with_current_keys
 from orchid_uav.envs.seeds import evaluation_seeds
 from orchid_uav.experiments.errors import InputError, RunFailedError
 from orchid_uav.experiments.evaluation.flights import (
@@ -29,6 +29,11 @@ from orchid_uav.experiments.interruption import Raising, interruption_requests
 from orchid_uav.experiments.metrics import EVALUATION_METRICS
 from orchid_uav.experiments.provenance import describe_host, describe_versions
 from orchid_uav.experiments.statistics.intervals import INTERVAL
+from orchid_uav.experiments.statistics.results import (
+    EvaluationSettings,
+    EvaluationSummary,
+    Status,
+)
 from orchid_uav.notices import warn_once
 from orchid_uav.storage.files import read_document, write_atomically, write_json
 
@@ -54,10 +59,10 @@ def make_default_directory(parent: Path = DEFAULT_PARENT) -> Path:
     raise InputError(f"cannot find a free name for {parent / name}")
 
 
-def describe_plan(plan: Plan, planner_evaluations: int) -> dict[str, Any]:
+def describe_plan(plan: Plan, planner_evaluations: int) -> EvaluationSettings:
     """What defines an evaluation: two of equal descriptions give equal metrics."""
     settings = plan.settings
-    return {
+    described = {
         "methods": [
             {
                 "method": contender.key,
@@ -83,12 +88,13 @@ def describe_plan(plan: Plan, planner_evaluations: int) -> dict[str, Any]:
         "ci95": f"{INTERVAL}, over topologies",
         "headroom": f"(U - U_{FLOOR}) / (U_{CEILING} - U_{FLOOR}), U the mean utility",
     }
+    return EvaluationSettings.from_json(json.loads(json.dumps(described)))  # of tuples, lists
 
 
 def read_interrupted(
     directory: Path,
     plan: Plan,
-    settings: Mapping[str, Any],
+    settings: EvaluationSettings,
     note: Callable[[str], None] = lambda text: None,
 ) -> Flown:
     """The flights of an interrupted evaluation of the same settings; none if there is nothing yet.
@@ -106,15 +112,18 @@ def read_interrupted(
         if not directory.exists() or (directory.is_dir() and not any(directory.iterdir())):
             return {}
         summary = read_document(directory / SUMMARY_FILE, _LARGEST_SUMMARY)
-        status, known = summary["status"], settings_of(summary)
-    except (OSError, ValueError, KeyError, TypeError) as error:
+        status, known = summary["status"], summary["settings"]
+        if not isinstance(known, dict):
+            raise ValueError(f"{directory / SUMMARY_FILE} has no settings")
+    except (OSError, ValueError, LookupError) as error:
         raise InputError(
             f"--out {directory} holds no results of orchid eval, and is left alone: {error}"
         ) from error
     if status != "interrupted":
         raise InputError(f"--out {directory} holds a complete evaluation: choose another directory")
-    if known != dict(settings):
-        differing = [key for key in settings if known.get(key) != settings[key]]
+    known, wanted = _with_current_keys(known), settings.to_json()
+    if known != wanted:
+        differing = [key for key in wanted if known.get(key) != wanted[key]]
         raise InputError(
             f"--out {directory} holds an interrupted evaluation of other settings: "
             f"{', '.join(differing)}"
@@ -146,17 +155,11 @@ def read_interrupted(
     return flown
 
 
-def settings_of(summary: Mapping[str, Any]) -> dict[str, Any]:
-    """The settings of a ``summary.json``, under the names that keys have today.
-
-    Raises:
-        ValueError, KeyError, TypeError: it has none, or others than an evaluation.
-    """
-    settings = summary["settings"]
-    methods = [
-        one | {"overrides": with_current_keys(one["overrides"])} for one in settings["methods"]
-    ]
-    return settings | {"methods": methods, "world": with_current_keys(settings["world"])}
+def _with_current_keys(settings: dict[str, Any]) -> dict[str, Any]:
+    try:
+        return EvaluationSettings.from_json(settings).to_json()
+    except ValueError:
+        return settings  # of another version: what differs is told
 
 
 def reserve_directory(directory: Path) -> None:
@@ -188,14 +191,17 @@ def episodes_table(plan: Plan, flown: Flown) -> pa.Table:
 
 
 def summary_document(
-    plan: Plan, flown: Flown, settings: Mapping[str, Any], command: list[str], is_complete: bool
-) -> dict[str, Any]:
+    plan: Plan, flown: Flown, settings: EvaluationSettings, command: list[str], is_complete: bool
+) -> EvaluationSummary:
     """The content of ``summary.json``, which is also what ``orchid eval --json`` prints."""
-    header = header_of(settings, command, "completed" if is_complete else "interrupted")
-    return header | {"results": summarise_flights(plan, flown, with_intervals=is_complete)}
+    return EvaluationSummary(
+        **header_of(command, "completed" if is_complete else "interrupted"),
+        settings=settings,
+        results=summarise_flights(plan, flown, with_intervals=is_complete),
+    )
 
 
-def header_of(settings: Mapping[str, Any], command: list[str], status: str) -> dict[str, Any]:
+def header_of(command: list[str], status: Status) -> dict[str, Any]:
     """What every document of results begins with."""
     host = describe_host()
     del host["name"]
@@ -206,19 +212,18 @@ def header_of(settings: Mapping[str, Any], command: list[str], status: str) -> d
         "command": command,
         "versions": describe_versions(),
         "host": host,
-        "settings": dict(settings),
     }
 
 
 def run_evaluation(
     plan: Plan,
-    settings: Mapping[str, Any],
+    settings: EvaluationSettings,
     directory: Path,
     command: list[str],
     flown: Flown,
     progress: FlightProgress,
     with_figures: bool = True,
-) -> dict[str, Any]:
+) -> EvaluationSummary:
     """Fly a plan and fill the directory; the summary's status says whether all of it was flown.
 
     Interrupted, it draws nothing and computes no intervals, which would take longer than a moment.
@@ -250,7 +255,7 @@ def run_evaluation(
                 document = summary_document(plan, flown, settings, command, is_complete)
                 write_evaluation(directory, document, with_figures and is_complete)
         except KeyboardInterrupt:
-            document["status"] = "interrupted"
+            document.status = "interrupted"
         finally:
             _remove_if_empty(directory)
     return document
@@ -264,23 +269,23 @@ def _remove_if_empty(directory: Path) -> None:
 
 
 def save_flights(
-    directory: Path, plan: Plan, flown: Flown, settings: Mapping[str, Any], command: list[str]
+    directory: Path, plan: Plan, flown: Flown, settings: EvaluationSettings, command: list[str]
 ) -> None:
     """Keep flights so that the same evaluation can go on from them.
 
     Raises:
         RunFailedError: they cannot be written.
     """
-    document = header_of(settings, command, "interrupted") | {"results": []}
+    document = summary_document(plan, {}, settings, command, is_complete=False)
     with _told(directory):
         # In this order: a summary without episodes is one of nothing flown yet.
         if not (directory / SUMMARY_FILE).exists():
-            write_json(directory / SUMMARY_FILE, document)
+            write_json(directory / SUMMARY_FILE, document.to_json())
         _write_table(episodes_table(plan, flown), directory / EPISODES_FILE)
 
 
 def write_evaluation(
-    directory: Path, document: Mapping[str, Any], with_figures: bool = True
+    directory: Path, document: EvaluationSummary, with_figures: bool = True
 ) -> None:
     """Add the summary to saved flights, and figures; without these, if they cannot be drawn.
 
@@ -289,12 +294,15 @@ def write_evaluation(
     """
     with _told(directory):
         shutil.rmtree(directory / FIGURES_FOLDER, ignore_errors=True)
-        if with_figures and document["results"]:
+        if with_figures and document.results:
             # All results, though not all that was asked for: the same command would go on.
-            write_json(directory / SUMMARY_FILE, {**document, "status": "interrupted"})
+            write_json(
+                directory / SUMMARY_FILE,
+                document.model_copy(update={"status": "interrupted"}).to_json(),
+            )
             with told_if_not_drawn(directory):
                 _draw(directory, document)
-        write_json(directory / SUMMARY_FILE, document)
+        write_json(directory / SUMMARY_FILE, document.to_json())
 
 
 @contextmanager
@@ -307,12 +315,12 @@ def told_if_not_drawn(directory: Path) -> Iterator[None]:
         warn_once("figures", f"no figures in {directory}, since drawing failed: {reason}")
 
 
-def _draw(directory: Path, document: Mapping[str, Any]) -> None:
+def _draw(directory: Path, document: EvaluationSummary) -> None:
     from orchid_uav.experiments.figures.contact_sheet import write_evaluation_sheet
     from orchid_uav.experiments.figures.evaluation_figures import draw_figures
 
     with tempfile.TemporaryDirectory(prefix=".drawing-", dir=directory) as beside:
-        figures = draw_figures(document["results"], Path(beside) / FIGURES_FOLDER)
+        figures = draw_figures(document.results, Path(beside) / FIGURES_FOLDER)
         write_evaluation_sheet(Path(beside) / FIGURES_FOLDER, document, figures)
         (Path(beside) / FIGURES_FOLDER).rename(directory / FIGURES_FOLDER)
 

@@ -18,7 +18,13 @@ from orchid_uav.experiments.configuration import LEARNING_SECTIONS, SETTING_KEYS
 from orchid_uav.experiments.errors import InputError, RunFailedError
 from orchid_uav.experiments.evaluation.methods import METHOD_KEYS, Contender, Policy
 from orchid_uav.experiments.metrics import EVALUATION_METRICS, HEADROOM
-from orchid_uav.experiments.statistics.intervals import interval, summarise
+from orchid_uav.experiments.statistics.intervals import (
+    UNKNOWN,
+    MetricSummary,
+    interval,
+    summarise,
+)
+from orchid_uav.experiments.statistics.results import EvaluationResult
 
 Floats = NDArray[np.float64]
 Metrics = dict[str, Floats]
@@ -276,7 +282,7 @@ def _fly_batch(
 
 def summarise_flights(
     plan: Plan, flown: Mapping[tuple[Any, ...], Metrics], with_intervals: bool = True
-) -> list[dict[str, Any]]:
+) -> list[EvaluationResult]:
     """The "results" of ``summary.json``: one for every flight that was flown.
 
     Args:
@@ -291,10 +297,12 @@ def summarise_flights(
             continue
         metrics = flown[flight.key]
         results.append(
-            describe(flight)
-            | {"episodes": plan.episodes, "comparable": flight.contender.is_comparable}
-            | {name: summarise(metrics[name], with_intervals) for name in EVALUATION_METRICS}
-            | {HEADROOM: _headroom(flight, metrics, flown if with_intervals else {})}
+            EvaluationResult.from_json(
+                describe(flight)
+                | {"episodes": plan.episodes, "comparable": flight.contender.is_comparable}
+                | {name: summarise(metrics[name], with_intervals) for name in EVALUATION_METRICS}
+                | {HEADROOM: _headroom(flight, metrics, flown if with_intervals else {})}
+            )
         )
     return results
 
@@ -313,12 +321,11 @@ def describe(flight: Flight) -> dict[str, Any]:
 
 def _headroom(
     flight: Flight, metrics: Metrics, flown: Mapping[tuple[Any, ...], Metrics]
-) -> dict[str, Any]:
+) -> MetricSummary:
     floor = flown.get((*flight.setting, FLOOR, True))
     ceiling = flown.get((*flight.setting, CEILING, True))
-    unknown = {"mean": None, "std": None, "ci95": None}
     if floor is None or ceiling is None or not flight.contender.is_comparable:
-        return unknown
+        return UNKNOWN
 
     def share(own: Floats, low: Floats, high: Floats, axis: int) -> Floats:
         room = np.mean(high, axis=axis) - np.mean(low, axis=axis)
@@ -326,10 +333,7 @@ def _headroom(
 
     samples = metrics["utility"], floor["utility"], ceiling["utility"]
     room = summarise(samples[2] - samples[1])
-    if room["mean"] <= 0.0 or (room["ci95"] and room["ci95"][0] <= 0.0):
-        return unknown  # no room to speak of
-    return {
-        "mean": float(share(*samples, axis=-1)),
-        "std": None,
-        "ci95": interval(samples, share),
-    }
+    if room.mean is None or room.mean <= 0.0 or (room.ci95 and room.ci95[0] <= 0.0):
+        return UNKNOWN  # no room to speak of
+    mean = float(share(*samples, axis=-1))
+    return MetricSummary(mean=mean, std=None, ci95=interval(samples, share))

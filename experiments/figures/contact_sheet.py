@@ -11,12 +11,14 @@ from urllib.parse import quote
 from orchid_uav.envs.parameters import Parameters
 from orchid_uav.experiments.configuration import SETTING_KEYS
 from orchid_uav.experiments.metrics import HEADLINE, HEADROOM, METRICS
+from orchid_uav.experiments.statistics.results import (
+    EvaluationSettings,
+    EvaluationSummary,
+    ResultHeader,
+)
 from orchid_uav.storage.files import write_atomically
 
-Document = Mapping[str, Any]
-
 SHEET_FILE = "index.html"
-_SETTING_KEYS = ("distributions", "uavs", "users", "speeds_mps", "heading_hold_s")
 
 _QUESTIONS = {
     "coverage": "Are the target users served?",
@@ -61,7 +63,9 @@ class _Entry(NamedTuple):
     """The first is shown, all are linked."""
 
 
-def write_evaluation_sheet(folder: Path, document: Document, figures: Sequence[Path]) -> None:
+def write_evaluation_sheet(
+    folder: Path, document: EvaluationSummary, figures: Sequence[Path]
+) -> None:
     """The page of an evaluation.
 
     Args:
@@ -72,14 +76,13 @@ def write_evaluation_sheet(folder: Path, document: Document, figures: Sequence[P
     Raises:
         OSError: it cannot be written.
     """
-    settings = document["settings"]
-    count = settings["episodes"]
+    settings = document.settings
     facts = {
         "Setting": "; ".join(_listed(settings)),
-        "World": _world(settings["world"]),
-        "Topologies": f"{count:,} for each setting, seed {settings['seed']}, the same for all "
-        "methods",
-        "Methods": ", ".join(dict.fromkeys(entry["method"] for entry in settings["methods"])),
+        "World": _world(settings.world),
+        "Topologies": f"{settings.episodes:,} for each setting, seed {settings.seed}, the same for "
+        "all methods",
+        "Methods": ", ".join(dict.fromkeys(entry.method for entry in settings.methods)),
     }
     pictures: dict[str, list[Path]] = {}
     for path in figures:
@@ -92,27 +95,20 @@ def write_evaluation_sheet(folder: Path, document: Document, figures: Sequence[P
     _write(folder, "Evaluation", document, facts, groups)
 
 
-def write_ablation_sheet(folder: Path, document: Document, curves: Path, setting: str) -> None:
+def write_ablation_sheet(
+    folder: Path, document: ResultHeader, facts: Mapping[str, str], curves: Path
+) -> None:
     """The page of an ablation.
 
     Args:
         folder: where it is written, beside the figure.
         document: ``ablation.json``.
+        facts: what stands at the top, in words; first of all "Setting".
         curves: the figure of the learning curves.
-        setting: what base and variants were trained in.
 
     Raises:
         OSError: it cannot be written.
     """
-    settings = document["settings"]
-    seeds = settings["seeds"]
-    facts = {
-        "Setting": setting,
-        "Compared": ", ".join(dict.fromkeys(run["variant"] for run in document["runs"])),
-        "Training seeds": ", ".join(map(str, seeds)),
-        "Topologies": f"{settings['topologies']:,} to fly afterwards, seed "
-        f"{settings['evaluation_seed']}, the same for all policies",
-    }
     entry = _Entry(
         "How do the variants learn, and does one stay behind?",
         "By training episode. How sure the differences are is in ablation.json.",
@@ -121,23 +117,25 @@ def write_ablation_sheet(folder: Path, document: Document, curves: Path, setting
     _write(folder, "Ablation", document, facts, {"Learning curves": [entry]})
 
 
-def _listed(settings: Document) -> list[str]:
+def _listed(settings: EvaluationSettings) -> list[str]:
     """What the settings of an evaluation are crossed from."""
-    distributions, uavs, users, speeds, holds = (settings[key] for key in _SETTING_KEYS)
     names = {"tcp": "clustered"}
-    parts = [
-        f"UAVs: {_numbers(uavs)}",
-        f"users: {_numbers(users)}, {' and '.join(names.get(one, one) for one in distributions)}",
-        "at rest" if list(speeds) == [0] else f"moving at up to {_numbers(speeds)} m/s",
+    kinds = " and ".join(names.get(one, one) for one in settings.distributions)
+    parts = [f"UAVs: {_numbers(settings.uavs)}", f"users: {_numbers(settings.users)}, {kinds}"]
+    if settings.speeds_mps == [0]:
+        return [*parts, "at rest"]
+    return [
+        *parts,
+        f"moving at up to {_numbers(settings.speeds_mps)} m/s",
+        f"headings held for {_numbers(settings.heading_hold_s)} s",
     ]
-    return parts if list(speeds) == [0] else [*parts, f"headings held for {_numbers(holds)} s"]
 
 
 def _numbers(values: Sequence[float]) -> str:
     return ", ".join(f"{value:g}" for value in values)
 
 
-def _world(world: Document) -> str:
+def _world(world: Mapping[str, Mapping[str, Any]]) -> str:
     """Where the world is not the paper's."""
     usual = Parameters().model_dump(mode="json")
     differing = [
@@ -192,19 +190,18 @@ code span { white-space: nowrap; }
 def _write(
     folder: Path,
     title: str,
-    document: Document,
+    document: ResultHeader,
     facts: Mapping[str, str],
     groups: Mapping[str, Sequence[_Entry]],
 ) -> None:
     """Write the page; text that nothing could have encoded is written as its escapes."""
-    versions = document["versions"]
-    program = f"orchid {versions['orchid_uav']}"
+    program = f"orchid {document.versions['orchid_uav']}"
     rows = {name: html.escape(text) for name, text in facts.items()} | {
-        "Made on": html.escape(f"{document['date']} by {program}"),
-        "Command": f"<code>{' '.join(map(_whole, document['command']))}</code>",
+        "Made on": html.escape(f"{document.date} by {program}"),
+        "Command": f"<code>{' '.join(map(_whole, document.command))}</code>",
     }
-    is_partial = document["status"] != "completed"
-    notice = f"<p class=notice>{html.escape(document['status'].capitalize())}: not everything "
+    is_partial = document.status != "completed"
+    notice = f"<p class=notice>{html.escape(document.status.capitalize())}: not everything "
     notice += "that was planned is in these figures.</p>"
     groups = {name: entries for name, entries in groups.items() if entries}
     contents = "".join(

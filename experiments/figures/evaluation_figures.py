@@ -32,9 +32,10 @@ from orchid_uav.experiments.figures.style import (
     width_of,
     wrap,
 )
-from orchid_uav.experiments.metrics import METRICS, label_of
+from orchid_uav.experiments.metrics import METRICS
+from orchid_uav.experiments.statistics.results import EvaluationResult
 
-Results = Sequence[Mapping[str, Any]]
+Results = Sequence[EvaluationResult]
 
 MOST_LINES = 8
 """In a panel, besides one to compare with. More methods get further rows of panels."""
@@ -106,17 +107,18 @@ class _Sheet:
         self.metric = metric
         self.heading = METRICS[metric].heading
         self.dimension = _longest_dimension(results)
-        self.looks = line_styles(label_of(result) for result in results)
-        self.topologies = {result["episodes"] for result in results}
+        self.looks = line_styles(result.label for result in results)
+        self.topologies = {result.episodes for result in results}
         self.curves: dict[str, _Curve] = {}
         """By the method's label, in the order of the results."""
         names = [name for name in _SETTINGS if name != self.dimension]
         for result in results:
-            if result[metric]["mean"] is not None:
-                panel = tuple(result[name] for name in names)
-                place = float(result[self.dimension]) if self.dimension else 0.0
-                curve = self.curves.setdefault(label_of(result), {})
-                curve[panel, place] = _shown(metric, result[metric])
+            summary = result.metrics[metric]
+            if summary.mean is not None:
+                panel = tuple(getattr(result, name) for name in names)
+                place = float(getattr(result, self.dimension)) if self.dimension else 0.0
+                curve = self.curves.setdefault(result.label, {})
+                curve[panel, place] = _shown(metric, summary.mean, summary.std or 0.0)
         self.panels = sorted({panel for curve in self.curves.values() for panel, _ in curve})
         self.title, self.titles = _titles(names, self.panels)
         self.places = sorted({place for curve in self.curves.values() for _, place in curve})
@@ -302,14 +304,13 @@ class _Sheet:
 
 
 def _longest_dimension(results: Results) -> str | None:
-    counts = {name: len({result[name] for result in results}) for name in _DIMENSIONS}
+    counts = {name: len({getattr(result, name) for result in results}) for name in _DIMENSIONS}
     longest = max(counts, key=lambda name: counts[name])
     return longest if counts[longest] > 1 else None
 
 
-def _shown(metric: str, summary: Mapping[str, Any]) -> _Value:
+def _shown(metric: str, mean: float, std: float) -> _Value:
     scale = METRICS[metric].scale
-    mean, std = summary["mean"], summary["std"] or 0.0
     least, greatest = bounds_of(metric)
     return _Value(mean * scale, max(mean - std, least) * scale, min(mean + std, greatest) * scale)
 

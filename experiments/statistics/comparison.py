@@ -7,7 +7,7 @@ counted and told beside the effect, which is of the pairs that are complete. The
 
 from collections.abc import Mapping, Sequence
 from itertools import product
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 from scipy.special import nctdtrinc
@@ -16,6 +16,7 @@ from scipy.stats import permutation_test, rankdata, t, trim_mean
 from orchid_uav.envs.seeds import RESAMPLING_SEED
 from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.statistics.intervals import Floats, interval
+from orchid_uav.storage.documents import Document
 
 Values = Sequence[float | None] | Floats
 """One value per seed, the seeds in the same order everywhere; NaN or None where the run failed."""
@@ -25,12 +26,90 @@ Verdict = Literal[
     "better", "worse", "higher", "lower", "equivalent", "no difference shown", "undecided"
 ]
 
+NOT_COMPARED: Final = "not compared"
+"""Instead of a verdict, where two metrics measure different things."""
+
 ALPHA = 0.05
 MIN_SEEDS = 5
 """Fewer give no interval, no equivalence and no least detectable effect."""
 FLIPS = 2**14
 """Sign patterns of the permutation test: all of them up to 14 pairs, else as many at random."""
 TEST = f"two-sided sign-flip permutation of the mean paired difference, at most {FLIPS} patterns"
+
+
+class SeedSummary(Document):
+    """What the seeds of one method reached; None for what so few seeds cannot give."""
+
+    n: int
+    """Seeds with a value."""
+    failed: int
+    """Seeds without one, which no other entry contains."""
+    mean: float | None
+    median: float | None
+    iqm: float | None
+    """See :func:`interquartile_mean`."""
+    std: float | None
+    """With ddof = 1."""
+    ci95: list[float] | None
+    """The BCa interval over seeds of the statistic named in ``ci95_of``. None as well where no
+    single seed moves the statistic (nine of ten at 0)."""
+    ci95_of: str
+
+
+class Difference(Document):
+    """Variant − base over complete pairs."""
+
+    mean: float | None
+    median: float | None
+    iqm: float | None
+    ci95: list[float] | None
+    """The BCa interval of what ``ci95_of`` names. Of the mean it is somewhat narrow: of normal
+    data, it covers the truth in some 83 % of samples of 5 seeds and 90 % of 10."""
+    ci95_of: str | None
+
+
+class Equivalence(Document):
+    """Whether the mean difference is shown to lie within ±margin; see :func:`equivalence`."""
+
+    margin: float
+    p_value: float
+    """The greater of the two, not adjusted for other comparisons."""
+    equivalent: bool
+    """Whether ``p_value`` is at most 0.05."""
+
+
+class Comparison(Document):
+    """One metric of a variant against that of its base, paired by seed.
+
+    None for what so few pairs cannot give. The last three are known in a family alone.
+    """
+
+    n: int
+    """Complete pairs."""
+    seeds: int
+    failed_base: int
+    failed_variant: int
+    better: Better
+    difference: Difference
+    relative: float | None
+    """Mean difference / |mean of base| of the same pairs; None where that is 0."""
+    probability_of_improvement: float | None
+    """See :func:`probability_of_improvement`."""
+    probability_of_improvement_ci95: list[float] | None
+    p_value: float | None
+    """See :func:`sign_flip_p_value`."""
+    smallest_p: float | None
+    """The least that so many pairs give."""
+    equivalence: Equivalence | None
+    """See :func:`equivalence`."""
+    least_detectable_effect: float | None
+    """See :func:`least_detectable_effect`."""
+    p_holm: float | None = None
+    smallest_p_holm: float | None = None
+    """The least that the first p of the family could be, so that nothing can be shown where it is
+    above 0.05 (10 seeds can show nothing among more than 25)."""
+    verdict: Verdict | Literal["not compared"] | None = None
+    """See :func:`judge`."""
 
 
 def interquartile_mean(values: Floats, axis: int = -1) -> Any:
@@ -47,33 +126,30 @@ def interquartile_mean(values: Floats, axis: int = -1) -> Any:
     return trim_mean(values, 0.25, axis=axis)
 
 
-def describe_seeds(values: Values) -> dict[str, Any]:
+def describe_seeds(values: Values) -> SeedSummary:
     """What the seeds of one method reached.
-
-    Returns:
-        "n" seeds with a value and "failed" ones without, which no other entry contains; "mean",
-        "median", "iqm" and "std" (ddof = 1); "ci95", the BCa interval over seeds of the statistic
-        named in "ci95_of". None for what so few seeds cannot give, and for an interval where no
-        single seed moves the statistic (nine of ten at 0).
 
     Raises:
         InputError: what is given is neither finite numbers nor failures.
     """
     given = _checked(values)
     reached = given[~np.isnan(given)]
-    return {
-        "n": len(reached),
-        "failed": len(given) - len(reached),
-        **_averages(reached),
-        "std": float(np.std(reached, ddof=1)) if len(reached) > 1 else None,
-        "ci95": _over_seeds((reached,), interquartile_mean),
-        "ci95_of": "iqm",
-    }
+    mean, median, iqm = _averages(reached)
+    return SeedSummary(
+        n=len(reached),
+        failed=len(given) - len(reached),
+        mean=mean,
+        median=median,
+        iqm=iqm,
+        std=float(np.std(reached, ddof=1)) if len(reached) > 1 else None,
+        ci95=_over_seeds((reached,), interquartile_mean),
+        ci95_of="iqm",
+    )
 
 
 def compare_pairs(
     base: Values, variant: Values, better: Better, margin: float | None = None
-) -> dict[str, Any]:
+) -> Comparison:
     """One metric of a variant against that of its base, paired by seed.
 
     Args:
@@ -82,18 +158,6 @@ def compare_pairs(
         better: which way the metric is better.
         margin: greatest mean difference that does not matter, in the metric's unit and written down
             before the runs; None for no test of equivalence.
-
-    Returns:
-        * "n" complete pairs out of "seeds"; "failed_base" and "failed_variant" runs, "better".
-        * "difference": "mean", "median" and "iqm" of variant − base over complete pairs; "ci95",
-          the BCa interval of what "ci95_of" names. Of the mean it is somewhat narrow: of normal
-          data, it covers the truth in some 83 % of samples of 5 seeds and 90 % of 10.
-        * "relative": mean difference / |mean of base| of the same pairs; None where that is 0.
-        * "probability_of_improvement" and "probability_of_improvement_ci95": see that function.
-        * "p_value": see ``sign_flip_p_value``; "smallest_p": the least that so many pairs give.
-        * "equivalence", "least_detectable_effect": see those functions.
-
-        None for what so few pairs cannot give.
 
     Raises:
         InputError: seeds that do not pair, values that are no numbers, a way that is none, or a
@@ -112,25 +176,23 @@ def compare_pairs(
     differences = other[complete] - one[complete]
     of_base = abs(float(np.mean(one[complete]))) if complete.any() else 0.0
     improvement = probability_of_improvement(one, other, better)
-    return {
-        "n": len(differences),
-        "seeds": len(one),
-        "failed_base": int(failed_one.sum()),
-        "failed_variant": int(failed_other.sum()),
-        "better": better,
-        "difference": {
-            **_averages(differences),
-            "ci95": _over_seeds((differences,), np.mean),
-            "ci95_of": "mean",
-        },
-        "relative": float(np.mean(differences)) / of_base if of_base else None,
-        "probability_of_improvement": improvement[0],
-        "probability_of_improvement_ci95": improvement[1],
-        "p_value": sign_flip_p_value(differences),
-        "smallest_p": _smallest_p(len(differences)),
-        "equivalence": equivalence(differences, margin),
-        "least_detectable_effect": least_detectable_effect(differences),
-    }
+    mean, median, iqm = _averages(differences)
+    ci95 = _over_seeds((differences,), np.mean)
+    return Comparison(
+        n=len(differences),
+        seeds=len(one),
+        failed_base=int(failed_one.sum()),
+        failed_variant=int(failed_other.sum()),
+        better=better,
+        difference=Difference(mean=mean, median=median, iqm=iqm, ci95=ci95, ci95_of="mean"),
+        relative=float(np.mean(differences)) / of_base if of_base else None,
+        probability_of_improvement=improvement[0],
+        probability_of_improvement_ci95=improvement[1],
+        p_value=sign_flip_p_value(differences),
+        smallest_p=_smallest_p(len(differences)),
+        equivalence=equivalence(differences, margin),
+        least_detectable_effect=least_detectable_effect(differences),
+    )
 
 
 def probability_of_improvement(
@@ -195,13 +257,12 @@ def _smallest_p(pairs: int) -> float | None:
     return 2.0 / (patterns if patterns <= FLIPS else FLIPS + 1) if pairs else None
 
 
-def equivalence(differences: Floats, margin: float | None) -> dict[str, Any] | None:
+def equivalence(differences: Floats, margin: float | None) -> Equivalence | None:
     """Two one-sided paired t-tests: is the mean difference shown to lie within ±margin?
 
     Returns:
-        {"margin", "p_value": the greater of the two, "equivalent": whether it is at most 0.05},
-        not adjusted for other comparisons; None without a margin and below 5 pairs. Differences
-        that are all the same are taken as exact: p is 0 where they lie within the margin, else 1.
+        None without a margin and below 5 pairs. Differences that are all the same are taken as
+        exact: p is 0 where they lie within the margin, else 1.
 
     Raises:
         InputError: the margin is not above 0.
@@ -216,7 +277,7 @@ def equivalence(differences: Floats, margin: float | None) -> dict[str, Any] | N
     distance = margin - abs(float(np.mean(differences)))
     error = float(np.std(differences, ddof=1)) / count**0.5
     p_value = float(t.sf(distance / error, count - 1)) if error else float(distance <= 0.0)
-    return {"margin": float(margin), "p_value": p_value, "equivalent": p_value <= ALPHA}
+    return Equivalence(margin=float(margin), p_value=p_value, equivalent=p_value <= ALPHA)
 
 
 def least_detectable_effect(
@@ -267,7 +328,7 @@ def compare_families(
     variants: Mapping[str, Mapping[str, Values]],
     better: Mapping[str, Better],
     margins: Mapping[str, float] | None = None,
-) -> dict[str, dict[str, dict[str, Any]]]:
+) -> dict[str, dict[str, Comparison]]:
     """Every variant against the base in every metric: all of one call are one family.
 
     Args:
@@ -277,9 +338,7 @@ def compare_families(
         margins: of equivalence, for metrics that have one.
 
     Returns:
-        By variant and metric, what ``compare_pairs`` gives and "p_holm"; "smallest_p_holm", the
-        least that the first p of the family could be, so that nothing can be shown where it is
-        above 0.05 (10 seeds can show nothing among more than 25); and "verdict", of ``judge``.
+        By variant and metric, what ``compare_pairs`` gives, with the place in the family.
 
     Raises:
         InputError: a metric is missing, a margin is of none that is judged, or as
@@ -289,7 +348,7 @@ def compare_families(
     for metric in margins:
         if metric not in better:
             raise InputError(f"a margin for '{metric}', but judged are {', '.join(better)}")
-    comparisons: dict[str, dict[str, dict[str, Any]]] = {name: {} for name in variants}
+    comparisons: dict[str, dict[str, Comparison]] = {name: {} for name in variants}
     for name, metric in product(variants, better):
         comparisons[name][metric] = compare_pairs(
             _of(base, metric, "the base"),
@@ -298,59 +357,57 @@ def compare_families(
             margins.get(metric),
         )
     family = [found for by_metric in comparisons.values() for found in by_metric.values()]
-    tests = sum(found["p_value"] is not None for found in family)
-    adjusted = holm([found["p_value"] for found in family])
+    tests = sum(found.p_value is not None for found in family)
+    adjusted = holm([found.p_value for found in family])
     for found, p_holm in zip(family, adjusted, strict=True):
-        least = found["smallest_p"]
-        found["p_holm"] = p_holm
-        found["smallest_p_holm"] = None if least is None else min(1.0, tests * least)
-        found["verdict"] = judge(found)
+        least = found.smallest_p
+        found.p_holm = p_holm
+        found.smallest_p_holm = None if least is None else min(1.0, tests * least)
+        found.verdict = judge(found)
     return comparisons
 
 
-def judge(comparison: Mapping[str, Any]) -> Verdict:
+def judge(comparison: Comparison) -> Verdict:
     """What a comparison says, in a word, at a level of 0.05.
 
     * "equivalent": shown to lie within the margin, even where also shown not to be 0.
-    * "better" and "worse" ("higher" and "lower" where neither way is better): "p_holm" (outside of
-      a family, "p_value") is at most 0.05. The way is that of the mean paired difference.
+    * "better" and "worse" ("higher" and "lower" where neither way is better): ``p_holm`` (outside
+      of a family, ``p_value``) is at most 0.05. The way is that of the mean paired difference.
     * "no difference shown": neither, and the test could have shown one. That is not equality: see
-      the interval and "least_detectable_effect".
+      the interval and ``least_detectable_effect``.
     * "undecided": there are too few pairs for any p at most 0.05, or one side failed more often and
       the effect does not point the same way, since seeds that survived are no fair sample. With
       more failures, a variant can be worse, but neither better nor equivalent.
     """
     word = _word(comparison)
-    balance = comparison["failed_variant"] - comparison["failed_base"]
+    balance = comparison.failed_variant - comparison.failed_base
     if balance and word not in ("no difference shown", "worse" if balance > 0 else "better"):
         return "undecided"
     return word
 
 
-def _word(comparison: Mapping[str, Any]) -> Verdict:
+def _word(comparison: Comparison) -> Verdict:
     """The verdict of complete pairs, whatever failed."""
-    p_value = comparison.get("p_holm", comparison["p_value"])
-    smallest = comparison.get("smallest_p_holm", comparison["smallest_p"])
-    if comparison["equivalence"] is not None and comparison["equivalence"]["equivalent"]:
+    known = comparison.model_fields_set
+    p_value = comparison.p_holm if "p_holm" in known else comparison.p_value
+    smallest = comparison.smallest_p_holm if "smallest_p_holm" in known else comparison.smallest_p
+    if comparison.equivalence is not None and comparison.equivalence.equivalent:
         return "equivalent"
-    if p_value is None:
+    if p_value is None or smallest is None or comparison.difference.mean is None:
         return "undecided"
     if p_value > ALPHA:
         return "undecided" if smallest > ALPHA else "no difference shown"
-    is_higher = comparison["difference"]["mean"] > 0.0
-    if comparison["better"] is None:
+    is_higher = comparison.difference.mean > 0.0
+    if comparison.better is None:
         return "higher" if is_higher else "lower"
-    return "better" if is_higher == (comparison["better"] == "higher") else "worse"
+    return "better" if is_higher == (comparison.better == "higher") else "worse"
 
 
-def _averages(values: Floats) -> dict[str, float | None]:
+def _averages(values: Floats) -> tuple[float | None, float | None, float | None]:
+    """Mean, median and interquartile mean."""
     if not len(values):
-        return {"mean": None, "median": None, "iqm": None}
-    return {
-        "mean": float(np.mean(values)),
-        "median": float(np.median(values)),
-        "iqm": float(interquartile_mean(values)),
-    }
+        return None, None, None
+    return float(np.mean(values)), float(np.median(values)), float(interquartile_mean(values))
 
 
 def _over_seeds(samples: tuple[Floats, ...], statistic: Any) -> list[float] | None:

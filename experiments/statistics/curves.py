@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from orchid_uav.envs.metrics import EPISODE_METRICS
 from orchid_uav.envs.seeds import RESAMPLING_SEED
 from orchid_uav.experiments.metrics import METRICS
+from orchid_uav.storage.documents import Document
 
 Row = Mapping[str, float]
 """An episode's metrics, as ``read_episodes`` gives them."""
@@ -134,12 +135,26 @@ def _bootstrap_interval(table: Floats) -> tuple[Floats, Floats]:
     return low, high
 
 
+class CurveTable(Document):
+    """A learning curve for a JSON document: lists of the same length.
+
+    Numbers have six digits; None is what is not a number.
+    """
+
+    runs: int
+    episodes: list[int]
+    iqm: list[float | None]
+    low: list[float | None] | None
+    """None, as ``high``, below ``MIN_RUNS`` runs."""
+    high: list[float | None] | None
+
+
 def curve_table(
     groups: Mapping[str, Sequence[Sequence[Row]]],
     columns: Sequence[str] = EPISODE_METRICS,
     window: int = WINDOW,
     every: int = 1,
-) -> dict[str, dict[str, dict[str, Any]]]:
+) -> dict[str, dict[str, CurveTable]]:
     """The numbers of learning curves for a JSON document, unscaled, by group and column.
 
     Args:
@@ -149,8 +164,7 @@ def curve_table(
         every: keep every so many episodes, and the last.
 
     Returns:
-        {"runs", "episodes", "iqm", "low", "high"}: lists of the same length, six digits, None for
-        what is not a number; "low" and "high" are None below ``MIN_RUNS`` runs.
+        By group and column, the curve of all runs of the group.
     """
     return {
         name: {
@@ -160,7 +174,7 @@ def curve_table(
     }
 
 
-def _plain(curve: Curve, column: str, every: int) -> dict[str, Any]:
+def _plain(curve: Curve, column: str, every: int) -> CurveTable:
     last = len(curve.episodes) - 1
     kept = [at for at in range(last + 1) if (at + 1) % every == 0 or at == last]
 
@@ -169,10 +183,10 @@ def _plain(curve: Curve, column: str, every: int) -> dict[str, Any]:
         return [float(f"{x:.{_DIGITS}g}") if np.isfinite(x) else None for x in unscaled]
 
     low, high = curve.band or (None, None)
-    return {
-        "runs": curve.runs,
-        "episodes": [int(episode) for episode in curve.episodes[kept]],
-        "iqm": numbers(curve.values),
-        "low": None if low is None else numbers(low),
-        "high": None if high is None else numbers(high),
-    }
+    return CurveTable(
+        runs=curve.runs,
+        episodes=[int(episode) for episode in curve.episodes[kept]],
+        iqm=numbers(curve.values),
+        low=None if low is None else numbers(low),
+        high=None if high is None else numbers(high),
+    )

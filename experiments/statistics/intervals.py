@@ -6,9 +6,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import ConfigDict
 from scipy.stats import DegenerateDataWarning, bootstrap
 
 from orchid_uav.envs.seeds import RESAMPLING_SEED
+from orchid_uav.storage.documents import Document
 
 Floats = NDArray[np.float64]
 
@@ -19,22 +21,37 @@ CONFIDENCE = 0.95
 INTERVAL = f"BCa bootstrap, {RESAMPLES} resamples, {CONFIDENCE:.0%}"
 
 
-def summarise(values: Floats, with_interval: bool = True) -> dict[str, Any]:
-    """Mean, standard deviation (ddof = 1) and interval of the mean: {"mean", "std", "ci95"}.
+class MetricSummary(Document):
+    """A metric over many episodes; None for what is not known."""
+
+    model_config = ConfigDict(frozen=True)
+
+    mean: float | None
+    std: float | None
+    """With ddof = 1."""
+    ci95: list[float] | None
+    """Ends of the interval of the mean."""
+
+
+UNKNOWN = MetricSummary(mean=None, std=None, ci95=None)
+
+
+def summarise(values: Floats, with_interval: bool = True) -> MetricSummary:
+    """Mean, standard deviation (ddof = 1) and interval of the mean.
 
     None for what so few values cannot give, or is not wanted, or where a value is not a number.
     """
     if not len(values) or not np.isfinite(values).all():
-        return {"mean": None, "std": None, "ci95": None}
-    return {
-        "mean": float(np.mean(values)),
-        "std": float(np.std(values, ddof=1)) if len(values) > 1 else None,
-        "ci95": (
+        return UNKNOWN
+    return MetricSummary(
+        mean=float(np.mean(values)),
+        std=float(np.std(values, ddof=1)) if len(values) > 1 else None,
+        ci95=(
             interval((values,), lambda sample, axis: np.mean(sample, axis=axis))
             if with_interval
             else None
         ),
-    }
+    )
 
 
 def interval(samples: tuple[Floats, ...], statistic: Callable[..., Any]) -> list[float] | None:

@@ -24,8 +24,9 @@ def _describe(flight: Flight) -> str:
     run = described["run"]
     if run is not None:  # in a line with a bar there is room for no more
         described["method"] = described["method"].replace(run, short_ids([run])[run], 1)
+    label = label_of(described["method"], described["deterministic"])
     return (
-        f"{label_of(described)}, {setting.uavs} UAVs, {setting.users} users, "
+        f"{label}, {setting.uavs} UAVs, {setting.users} users, "
         f"{setting.speed_mps:g} m/s, {setting.distribution}"
     )
 

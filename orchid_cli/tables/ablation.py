@@ -2,16 +2,17 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from statistics import fmean
-from typing import Any
 
 from rich.console import Console
 
 from orchid_uav.cli.console import print_line, print_table, print_text
 from orchid_uav.experiments.ablation.design import FLOWN, key_of
+from orchid_uav.experiments.ablation.result import AblationResult, TriggerReplay
 from orchid_uav.experiments.ablation.variants import BASE
 from orchid_uav.experiments.evaluation.method_keys import ZERO
 from orchid_uav.experiments.metrics import METRICS
 from orchid_uav.experiments.runs.directory import FINAL_EPISODES
+from orchid_uav.experiments.statistics.comparison import Comparison, SeedSummary
 
 KINDS = {
     "evaluation": "held-out topologies, deterministic policies",
@@ -37,7 +38,7 @@ _ROOM = 105
 """Columns of a terminal that such a table takes without breaking its cells."""
 
 
-def print_ablation(out: Console, document: Mapping[str, Any]) -> None:
+def print_ablation(out: Console, document: AblationResult) -> None:
     """The effects, then what they are differences of, then when the trigger would have fired."""
     for kind, title in KINDS.items():
         print_line(out, "")
@@ -47,7 +48,7 @@ def print_ablation(out: Console, document: Mapping[str, Any]) -> None:
     print_text(out, "held-out topologies: interquartile means over seeds, and means of the rest")
     heads = ["policy", *(METRICS[metric].heading for metric in FLOWN)]
     print_table(out, heads, list(reached_rows(document)))
-    for name, table in document["replayed_trigger"].items():
+    for name, table in document.replayed_trigger.items():
         print_line(out, "")
         print_text(
             out,
@@ -73,21 +74,21 @@ def _print_comparisons(out: Console, rows: Sequence[Sequence[str]]) -> None:
         print_table(out, columns, cells)
 
 
-def reached_rows(document: Mapping[str, Any]) -> Iterator[list[str]]:
+def reached_rows(document: AblationResult) -> Iterator[list[str]]:
     """What the differences are of: policies, twins that do nothing or only make noise, and rules.
 
     Twins that do the same as the base's are left out.
     """
-    values, seeds = document["values"], document["settings"]["seeds"]
+    values, seeds = document.values, document.settings.seeds
     means = {
-        (other["method"], other["deterministic"]): [other[metric]["mean"] for metric in FLOWN]
-        for other in document["others"]
+        (other.method, other.deterministic): [other.metrics[metric].mean for metric in FLOWN]
+        for other in document.others
     }
     of_base: list[list[str]] = []
     for name in values["evaluation"]:
         for kind, suffix in (("evaluation", ""), ("sampled", ", sampled")):
             reached = values[kind][name]
-            yield [name + suffix, *_texts(reached[metric]["iqm"] for metric in FLOWN)]
+            yield [name + suffix, *_texts(reached[metric].iqm for metric in FLOWN)]
         for is_silent, what in ((True, "no actions"), (False, "noise alone")):
             keys = [(key_of(name, seed) + ZERO, is_silent) for seed in seeds]
             twins = [means[key] for key in keys if key in means]
@@ -114,31 +115,34 @@ def _text(metric: str, value: float | None) -> str:
     return "-" if value is None else METRICS[metric].text(value)
 
 
-def comparison_rows(document: Mapping[str, Any], kind: str) -> list[list[str]]:
+def comparison_rows(document: AblationResult, kind: str) -> list[list[str]]:
     """A row for every variant and metric of a family."""
-    values = document["values"][kind]
+    values = document.values[kind]
     return [
         [name, METRICS[metric].heading, *_cells(metric, found, values[BASE], values[name])]
-        for name, metrics in document["comparisons"][kind].items()
+        for name, metrics in document.comparisons[kind].items()
         for metric, found in metrics.items()
     ]
 
 
 def _cells(
-    metric: str, found: Mapping[str, Any], base: Mapping[str, Any], own: Mapping[str, Any]
+    metric: str,
+    found: Comparison,
+    base: Mapping[str, SeedSummary],
+    own: Mapping[str, SeedSummary],
 ) -> list[str]:
-    difference = found["difference"]
-    failures = {"base": found["failed_base"], "variant": found["failed_variant"]}
+    difference = found.difference
+    failures = {"base": found.failed_base, "variant": found.failed_variant}
     failed = ", ".join(f"{count} of the {who} failed" for who, count in failures.items() if count)
     return [
-        f"{signed(metric, difference['mean'])}{_interval(metric, difference['ci95'])}",
-        "-" if found["relative"] is None else f"{found['relative']:+.1%}",
-        _plain(found["probability_of_improvement"], 2),
-        _plain(found["p_holm"], 4),
-        found["verdict"],
-        _text(metric, base[metric]["iqm"]),
-        _text(metric, own[metric]["iqm"]),
-        f"{found['n']}" + (f" ({failed})" if failed else ""),
+        f"{signed(metric, difference.mean)}{_interval(metric, difference.ci95)}",
+        "-" if found.relative is None else f"{found.relative:+.1%}",
+        _plain(found.probability_of_improvement, 2),
+        _plain(found.p_holm, 4),
+        str(found.verdict),
+        _text(metric, base[metric].iqm),
+        _text(metric, own[metric].iqm),
+        f"{found.n}" + (f" ({failed})" if failed else ""),
     ]
 
 
@@ -159,16 +163,16 @@ def _plain(value: float | None, digits: int) -> str:
     return "-" if value is None else f"{value:.{digits}f}"
 
 
-def trigger_table(table: Sequence[Mapping[str, Any]]) -> tuple[list[str], list[list[str]]]:
+def trigger_table(table: Sequence[TriggerReplay]) -> tuple[list[str], list[list[str]]]:
     """Heads and rows: windows by tolerances."""
-    tolerances = list(dict.fromkeys(row["tolerance"] for row in table))
+    tolerances = list(dict.fromkeys(row.tolerance for row in table))
     rows = []
-    for window in dict.fromkeys(row["window"] for row in table):
-        cells = {row["tolerance"]: row for row in table if row["window"] == window}
+    for window in dict.fromkeys(row.window for row in table):
+        cells = {row.tolerance: row for row in table if row.window == window}
         rows.append([f"W = {window}", *(_firings(cells[tolerance]) for tolerance in tolerances)])
     return ["window", *(f"tolerance {tolerance:g}" for tolerance in tolerances)], rows
 
 
-def _firings(cell: Mapping[str, Any]) -> str:
-    text = f"{cell['fired']} of {cell['runs']}"
-    return text + (f", at {cell['median_episode']:.0f}" if cell["fired"] else "")
+def _firings(cell: TriggerReplay) -> str:
+    text = f"{cell.fired} of {cell.runs}"
+    return text + (f", at {cell.median_episode:.0f}" if cell.fired else "")

@@ -6,10 +6,11 @@ from typing import Any
 from rich.console import Console
 
 from orchid_uav.cli.console import print_line, print_table
-from orchid_uav.experiments.metrics import METRICS, UNBREAKABLE, label_of
+from orchid_uav.experiments.metrics import METRICS, UNBREAKABLE
 from orchid_uav.experiments.runs.records import short_ids
+from orchid_uav.experiments.statistics.results import EvaluationResult
 
-Result = Mapping[str, Any]
+Result = EvaluationResult
 
 _DIMENSIONS = {
     "distribution": "{}",
@@ -25,13 +26,13 @@ def print_tables(out: Console, results: Sequence[Result], metrics: Sequence[str]
     if out.is_terminal:  # elsewhere a program may look for the ids
         results = _with_short_names(results)
     settings = list(dict.fromkeys(_setting(result) for result in results))
-    methods = list(dict.fromkeys(label_of(result) for result in results))
-    cells = {(_setting(result), label_of(result)): result for result in results}
+    methods = list(dict.fromkeys(result.label for result in results))
+    cells = {(_setting(result), result.label): result for result in results}
     names = _setting_names(settings)
     metrics = [
         metric
         for metric in metrics
-        if any(result[metric]["mean"] is not None for result in results)
+        if any(result.metrics[metric].mean is not None for result in results)
     ]
     if len(settings) == 1:
         columns = {
@@ -53,14 +54,16 @@ def print_tables(out: Console, results: Sequence[Result], metrics: Sequence[str]
 
 def _with_short_names(results: Sequence[Result]) -> list[Result]:
     """Runs are methods by their ids: by the shortest part that tells them apart."""
-    named = [run for result in results if (run := result["run"] or "") and run in result["method"]]
+    named = [run for result in results if (run := result.run or "") and run in result.method]
     short = short_ids(list(dict.fromkeys(named)))
-    return [
-        {**result, "method": result["method"].replace(run, short[run], 1)}
-        if (run := result["run"]) in short  # released policies are called by their keys
-        else result
-        for result in results
-    ]
+
+    def renamed(result: Result) -> Result:
+        run = result.run or ""
+        if run not in short:  # released policies are called by their keys
+            return result
+        return result.model_copy(update={"method": result.method.replace(run, short[run], 1)})
+
+    return [renamed(result) for result in results]
 
 
 def _print(
@@ -73,12 +76,12 @@ def _print(
 def _column(results: Sequence[Result | None], metric: str) -> list[str]:
     """Texts of one metric in one setting; what is best at the shown digits is marked."""
     described = METRICS[metric]
-    means = [None if result is None else result[metric]["mean"] for result in results]
+    means = [None if result is None else result.metrics[metric].mean for result in results]
     shown = [None if mean is None else float(described.text(mean)) for mean in means]
     known = [
         value
         for result, value in zip(results, shown, strict=True)
-        if result is not None and value is not None and result["comparable"]
+        if result is not None and value is not None and result.comparable
     ]
     best = None
     if described.better is not None and len(set(known)) > 1:
@@ -88,15 +91,15 @@ def _column(results: Sequence[Result | None], metric: str) -> list[str]:
         if result is None or mean is None:
             texts.append("-")
             continue
-        std = result[metric]["std"]
+        std = result.metrics[metric].std
         spread = "" if std is None else f" ± {described.text(std)}"
-        star = " *" if value == best and result["comparable"] else ""
+        star = " *" if value == best and result.comparable else ""
         texts.append(f"{described.text(mean)}{spread}{star}")
     return texts
 
 
 def _setting(result: Result) -> tuple[Any, ...]:
-    return tuple(result[name] for name in _DIMENSIONS)
+    return tuple(getattr(result, name) for name in _DIMENSIONS)
 
 
 def _setting_names(settings: Sequence[tuple[Any, ...]]) -> dict[tuple[Any, ...], str]:

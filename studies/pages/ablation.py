@@ -1,19 +1,20 @@
 """Blocks of the documentation about ablations, from the committed results."""
 
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from orchid_uav.cli.tables.ablation import KINDS, comparison_rows, signed, trigger_table
 from orchid_uav.experiments.ablation.design import FLOWN, SETTLED, TRAINED
+from orchid_uav.experiments.ablation.result import AblationResult
 from orchid_uav.experiments.ablation.variants import BASE
 from orchid_uav.experiments.configuration import RunConfig, flatten
-from orchid_uav.experiments.metrics import METRICS, label_of
+from orchid_uav.experiments.metrics import METRICS
 from orchid_uav.experiments.runs.directory import FINAL_EPISODES
-from orchid_uav.experiments.statistics.comparison import ALPHA
+from orchid_uav.experiments.statistics.comparison import ALPHA, SeedSummary
+from orchid_uav.experiments.statistics.results import EvaluationResult
 from studies.pages.markdown import FIGURES, ROOT, recorded, table
-from studies.recording import read
+from studies.recording import read_ablation
 
 NAME, CONTROLS = "ablation_no_rf", "ablation_controls"
 CURVES = FIGURES / f"{NAME}.png"
@@ -30,88 +31,88 @@ def must_hold(holds: bool, words: str) -> None:
         raise ValueError(f"'{words}' does not follow from the committed results any more")
 
 
-def doing_nothing(document: Mapping[str, Any], deterministic: bool = True) -> float:
+def doing_nothing(document: AblationResult, deterministic: bool = True) -> float:
     """Mean utility of the base's zero-action twin, or of the exploration noise alone."""
     return next(
-        result["utility"]["mean"]
-        for result in document["others"]
-        if result["method"] == f"{BASE}-s0-zero" and result["deterministic"] is deterministic
+        result.metrics["utility"].mean
+        for result in document.others
+        if result.method == f"{BASE}-s0-zero" and result.deterministic is deterministic
     )
 
 
-def above_doing_nothing(document: Mapping[str, Any], name: str) -> list[float]:
+def above_doing_nothing(document: AblationResult, name: str) -> list[float]:
     """Of the seeds whose deterministic policy exceeds doing nothing: by how much."""
     zero = doing_nothing(document)
-    utilities = [run["evaluation"]["utility"] for run in document["runs"] if run["variant"] == name]
+    utilities = [run.evaluation["utility"] for run in document.runs if run.variant == name]
     return sorted(utility - zero for utility in utilities if utility is not None and utility > zero)
 
 
-def _better_seeds(document: Mapping[str, Any], name: str) -> str:
+def _better_seeds(document: AblationResult, name: str) -> str:
     """How many are above doing nothing, such as "2 of 10 (by 0.009, 0.066)"."""
     gains = above_doing_nothing(document, name)
-    count = sum(run["variant"] == name for run in document["runs"])
+    count = sum(run.variant == name for run in document.runs)
     by = f" (by {', '.join(f'{gain:.3f}' for gain in gains)})" if gains else ""
     return f"{len(gains) or 'none'} of {count}{by}"
 
 
-def _check_effects(document: Mapping[str, Any]) -> None:
+def _check_effects(document: AblationResult) -> None:
     """That Reset-and-Finetune makes a small difference in training, and shows none elsewhere."""
-    found = {kind: document["comparisons"][kind]["no-rf"] for kind in document["comparisons"]}
-    unseen = [one["verdict"] for kind in ("evaluation", "sampled") for one in found[kind].values()]
+    found = {kind: document.comparisons[kind]["no-rf"] for kind in document.comparisons}
+    unseen = [one.verdict for kind in ("evaluation", "sampled") for one in found[kind].values()]
     must_hold(
         set(unseen) <= {"equivalent", "no difference shown"}
         and unseen.count("equivalent") > len(unseen) / 2,
         "on unseen topologies no difference is shown, and most metrics are equivalent",
     )
-    runs = document["runs"]
+    runs = document.runs
     for metric in ("reward", "rate_jfi", "load_jfi"):
         own, without = (
-            [run["training"][metric] for run in runs if run["variant"] == name]
+            [run.training[metric] for run in runs if run.variant == name]
             for name in (BASE, "no-rf")
         )
         must_hold(
             all(lower < higher for lower, higher in zip(without, own, strict=True))
-            and found["training"][metric]["p_holm"] <= ALPHA
-            and found["training"][metric]["equivalence"]["equivalent"],
+            and found["training"][metric].p_holm <= ALPHA
+            and found["training"][metric].equivalence.equivalent,
             f"{metric} is lower in every seed without it, within the margin",
         )
     for metric in ("energy_efficiency_bit_per_joule", "load_jfi"):
-        without, own = (document["late_changes"][name][metric]["ci95"] for name in ("no-rf", BASE))
+        without, own = (document.late_changes[name][metric].ci95 for name in ("no-rf", BASE))
         must_hold(without[0] > 0.0 and own[0] < 0.0 < own[1], "both rise; with it nothing changes")
 
 
 def summary_block() -> str:
     """The results in words; the numbers are the document's, the words are held to them."""
-    document = read(NAME)
+    document = read_ablation(NAME)
     _check_effects(document)
-    flown, trained = (document["comparisons"][kind]["no-rf"] for kind in ("evaluation", "training"))
-    low, high = flown["rate_jfi"]["difference"]["ci95"]
+    flown, trained = (document.comparisons[kind]["no-rf"] for kind in ("evaluation", "training"))
+    low, high = flown["rate_jfi"].difference.ci95
     metrics = ("reward", "rate_jfi", "load_jfi")
-    losses = ", ".join(f"{-trained[metric]['relative']:.1%}" for metric in metrics)
-    p_value = max(trained[metric]["p_holm"] for metric in metrics)
-    late = document["late_changes"]["no-rf"]
+    losses = ", ".join(f"{-trained[metric].relative:.1%}" for metric in metrics)
+    p_value = max(trained[metric].p_holm for metric in metrics)
+    late = document.late_changes["no-rf"]
     rises = " and ".join(
-        f"{METRICS[metric].title} {signed(metric, late[metric]['iqm'])}"
+        f"{METRICS[metric].title} {signed(metric, late[metric].iqm)}"
         for metric in ("energy_efficiency_bit_per_joule", "load_jfi")
     )
     zero, alone = (doing_nothing(document, deterministic) for deterministic in (True, False))
     utility = {
-        (kind, name): values["utility"]["iqm"]
+        (kind, name): values["utility"].iqm
         for kind in ("evaluation", "sampled")
-        for name, values in document["values"][kind].items()
+        for name, values in document.values[kind].items()
     }
     for kind, reference in (("evaluation", zero), ("sampled", alone)):
         both = (utility[kind, BASE], utility[kind, "no-rf"])
         must_hold(max(both) < reference, "both policies are worse than doing nothing")
-    firings = [run["reset_episodes"][0] for run in document["runs"] if run["variant"] == BASE]
+    firings = [run.reset_episodes[0] for run in document.runs if run.variant == BASE]
     first = min(firings)
-    window = document["settings"]["base"]["reset"]["window"]
+    window = document.settings.base["reset"]["window"]
     must_hold(first == 2 * window, "fires at the first episode at which it can")
     bullets = (
         "**On unseen topologies no difference is shown**, with deterministic or sampled actions; "
         "most metrics are equivalent within the margin. The means point towards "
         "Reset-and-Finetune (rate JFI without it: "
-        f"{signed('rate_jfi', flown['rate_jfi']['difference']['mean'])} "
+        f"{signed('rate_jfi', flown['rate_jfi'].difference.mean)} "
         f"[{signed('rate_jfi', low)}, {signed('rate_jfi', high)}]).",
         "**In the last training episodes it helps a little, in every seed**: without it reward, "
         f"rate JFI and load JFI are lower by {losses} (adjusted p at most {p_value:.3f}), which is "
@@ -135,7 +136,7 @@ def summary_block() -> str:
 
 def effects_block() -> str:
     """What Reset-and-Finetune changes: the differences of the variant without it, first."""
-    document = read(NAME)
+    document = read_ablation(NAME)
     parts = []
     for kind, title in KINDS.items():
         rows = [
@@ -149,18 +150,18 @@ def effects_block() -> str:
 
 def controls_block() -> str:
     """Which half of Reset-and-Finetune does what it does."""
-    document = read(CONTROLS)
+    document = read_ablation(CONTROLS)
     rows = [
         [f"`{name}`", METRICS[metric].heading, *_control_cells(document, name, metric)]
-        for name in document["comparisons"]["training"]
+        for name in document.comparisons["training"]
         for metric in ("reward", "rate_jfi", "load_jfi", "energy_efficiency_bit_per_joule")
     ]
     heads = ["variant", "last training episodes", "difference [95 %]", "p (Holm)", "verdict"]
     utility = [
-        [f"`{name}`", *(f"{values[name]['utility']['iqm']:.3f}" for values in _flown(document))]
-        for name in document["values"]["evaluation"]
+        [f"`{name}`", *(f"{values[name]['utility'].iqm:.3f}" for values in _flown(document))]
+        for name in document.values["evaluation"]
     ]
-    for row, name in zip(utility, document["values"]["evaluation"], strict=True):
+    for row, name in zip(utility, document.values["evaluation"], strict=True):
         row.append(_better_seeds(document, name))
     zero = f"deterministic seeds above doing nothing ({doing_nothing(document):.3f})"
     return "\n\n".join(
@@ -172,57 +173,59 @@ def controls_block() -> str:
     )
 
 
-def _control_cells(document: Mapping[str, Any], name: str, metric: str) -> list[str]:
-    found = document["comparisons"]["training"][name][metric]
-    low, high = found["difference"]["ci95"]
-    mean = signed(metric, found["difference"]["mean"])
+def _control_cells(document: AblationResult, name: str, metric: str) -> list[str]:
+    found = document.comparisons["training"][name][metric]
+    low, high = found.difference.ci95
+    mean = signed(metric, found.difference.mean)
     ends = f"[{signed(metric, low)}, {signed(metric, high)}]"
-    return [f"{mean} {ends}", f"{found['p_holm']:.3f}", found["verdict"]]
+    return [f"{mean} {ends}", f"{found.p_holm:.3f}", found.verdict]
 
 
-def _flown(document: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    return [document["values"][kind] for kind in ("evaluation", "sampled")]
+def _flown(document: AblationResult) -> list[Mapping[str, Mapping[str, SeedSummary]]]:
+    return [document.values[kind] for kind in ("evaluation", "sampled")]
 
 
 def twins_block() -> str:
     """The policies beside their twins and the rules."""
-    document = read(NAME)
+    document = read_ablation(NAME)
     rows = []
-    for name in document["values"]["evaluation"]:
+    for name in document.values["evaluation"]:
         for kind, suffix in (("evaluation", ""), ("sampled", ", sampled")):
-            values = document["values"][kind][name]
-            shown = [METRICS[metric].text(values[metric]["iqm"]) for metric in FLOWN]
-            rows.append([f"`{name}`{suffix}, IQM of {values[FLOWN[0]]['n']} seeds", *shown])
-    shown_others = _without_repetition(document["others"])
+            values = document.values[kind][name]
+            shown = [METRICS[metric].text(values[metric].iqm) for metric in FLOWN]
+            rows.append([f"`{name}`{suffix}, IQM of {values[FLOWN[0]].n} seeds", *shown])
+    shown_others = _without_repetition(document.others)
     for label, result in shown_others.items():
-        rows.append([label, *(METRICS[metric].text(result[metric]["mean"]) for metric in FLOWN)])
+        rows.append(
+            [label, *(METRICS[metric].text(result.metrics[metric].mean) for metric in FLOWN)]
+        )
     return table(["", *(METRICS[metric].heading for metric in FLOWN)], rows)
 
 
-def _without_repetition(others: list[Mapping[str, Any]]) -> dict[str, Mapping[str, Any]]:
+def _without_repetition(others: Sequence[EvaluationResult]) -> dict[str, EvaluationResult]:
     """One twin, one noise alone, and the rules; all twins of one start do the same."""
-    shown: dict[str, Mapping[str, Any]] = {}
+    shown: dict[str, EvaluationResult] = {}
     for result in others:
-        label = f"`{label_of(result)}`"
-        if result["method"].endswith("-zero"):
-            if not result["method"].startswith(f"{BASE}-s0"):
+        label = f"`{result.label}`"
+        if result.method.endswith("-zero"):
+            if not result.method.startswith(f"{BASE}-s0"):
                 continue
-            label = "zero action" if result["deterministic"] else "noise of `base`, seed 0, alone"
+            label = "zero action" if result.deterministic else "noise of `base`, seed 0, alone"
         shown[label] = result
     return shown
 
 
 def late_block() -> str:
     """Whether metrics fall late in training (claim C4)."""
-    document = read(NAME)
+    document = read_ablation(NAME)
     rows = []
     for metric in TRAINED:
         cells = []
         for name in (BASE, "no-rf"):
-            change = document["late_changes"][name][metric]
-            low, high = change["ci95"] or (None, None)
+            change = document.late_changes[name][metric]
+            low, high = change.ci95 or (None, None)
             ends = f" [{signed(metric, low)}, {signed(metric, high)}]" if low is not None else ""
-            cells.append(f"{signed(metric, change['iqm'])}{ends}")
+            cells.append(f"{signed(metric, change.iqm)}{ends}")
         rows.append([METRICS[metric].heading, *cells])
     first, last = SETTLED
     title = f"last {FINAL_EPISODES} episodes minus episodes {first}–{last}"
@@ -231,13 +234,13 @@ def late_block() -> str:
 
 def trigger_block() -> str:
     """When the trigger fired, and when it would have."""
-    document = read(NAME)
+    document = read_ablation(NAME)
     fired = [
-        ", ".join(map(str, run["reset_episodes"])) or "never"
-        for run in document["runs"]
-        if run["variant"] == BASE
+        ", ".join(map(str, run.reset_episodes)) or "never"
+        for run in document.runs
+        if run.variant == BASE
     ]
-    heads, rows = trigger_table(document["replayed_trigger"]["no-rf"])
+    heads, rows = trigger_table(document.replayed_trigger["no-rf"])
     return (
         f"Episodes at which it fired, by seed: {'; '.join(fired)}.\n\n"
         "Replayed on the runs without it, for other windows and tolerances, with the median of the "
@@ -247,8 +250,8 @@ def trigger_block() -> str:
 
 def curves_block() -> str:
     """The figure."""
-    document = read(NAME)
-    runs = document["learning_curves"][BASE][TRAINED[0]]["runs"]
+    document = read_ablation(NAME)
+    runs = document.learning_curves[BASE][TRAINED[0]].runs
     return (
         f"![Learning curves with and without Reset-and-Finetune](figures/{CURVES.name})\n\n"
         f"Interquartile mean of {runs} seeds, each a trailing mean of 20 episodes, with 95 % "
@@ -257,10 +260,10 @@ def curves_block() -> str:
     )
 
 
-def _source(document: Mapping[str, Any], name: str = NAME) -> str:
-    hours = sum(run["seconds"] for run in document["runs"]) / 3600
+def _source(document: AblationResult, name: str = NAME) -> str:
+    hours = sum(run.seconds for run in document.runs) / 3600
     return (
-        f"{recorded(document)}, `{' '.join(document['command'])}`, "
+        f"{recorded(document.to_json())}, `{' '.join(document.command)}`, "
         f"{hours:.1f} hours of one core; `make ablation` → `studies/results/{name}.json`."
     )
 
@@ -278,23 +281,24 @@ def draw_ablations() -> list[Path]:
         setting_of,
     )
 
-    document = read(NAME)
-    curves = document["learning_curves"]
+    document = read_ablation(NAME)
+    curves = document.learning_curves
     looks = line_styles([BASE, "no-rf"])
     labels = {BASE: "with Reset-and-Finetune", "no-rf": "without"}
     shown = [name for name in TRAINED if name != "coverage"]  # which is 1 throughout
     with style.context(["default", STYLE]):
         figure = Figure((PAGE_IN, 4.4), layout="constrained")
-        figure.suptitle(setting_of([flatten(RunConfig(**document["settings"]["base"]))]))
+        figure.suptitle(setting_of([flatten(RunConfig(**document.settings.base))]))
         grid = figure.subplots(2, 3, sharex=True)
         for axes, name in zip(grid.flat, shown, strict=False):
             scale = METRICS[name].scale
             for turn, (group, label) in enumerate(labels.items()):
                 curve, look = curves[group][name], looks[group]
                 middle, low, high = (
-                    [value * scale for value in curve[key]] for key in ("iqm", "low", "high")
+                    [value * scale for value in values]
+                    for values in (curve.iqm, curve.low, curve.high)
                 )
-                episodes = curve["episodes"]
+                episodes = curve.episodes
                 axes.plot(episodes, middle, label=label, markevery=(5 * turn, 10), **look)
                 axes.fill_between(episodes, low, high, color=look["color"], alpha=0.2, lw=0)
             axes.set_title(METRICS[name].heading)

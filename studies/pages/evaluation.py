@@ -1,15 +1,15 @@
 """Blocks of the documentation about evaluations, from the committed summaries."""
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from orchid_uav.experiments.configuration import flatten
 from orchid_uav.experiments.evaluation.methods import COMMANDS, RELEASED
 from orchid_uav.experiments.metrics import HEADLINE, HEADROOM, METRICS
 from orchid_uav.experiments.runs.directory import read_episodes
 from orchid_uav.experiments.runs.records import read_config, read_record
+from orchid_uav.experiments.statistics.results import EvaluationSummary
 from orchid_uav.storage.files import write_json
 from studies.evaluations import PLANNER_BUDGETS
 from studies.pages.markdown import (
@@ -22,7 +22,7 @@ from studies.pages.markdown import (
     source,
     table,
 )
-from studies.recording import RESULTS, read
+from studies.recording import RESULTS, read, read_evaluation
 
 REFERENCE = ROOT / "runs" / "reference"
 UAV_METRICS = ("energy_efficiency_bit_per_joule", "rate_jfi", "load_jfi", "worst_rate_bps")
@@ -41,10 +41,10 @@ FIGURE_SOURCES = FIGURES / "sources.json"
 
 def coverage_sentence(results: Sequence[Result]) -> str:
     """Who is covered, since the coverage of the target users alone says 1.000 nearly everywhere."""
-    if "total_coverage" not in results[0]:
+    if "total_coverage" not in results[0].metrics:
         return ""
     found = {
-        metric: [METRICS[metric].text(result[metric]["mean"]) for result in results]
+        metric: [METRICS[metric].text(result.metrics[metric].mean) for result in results]
         for metric in ("coverage", "total_coverage", "gbs_coverage")
     }
     own, total, gbs = (
@@ -108,13 +108,13 @@ def planner_block() -> str:
     """Utility against budget."""
     rows = []
     for budget in PLANNER_BUDGETS:
-        document = read(f"planner_{budget}")
-        found = {result["method"]: result for result in document["results"]}
+        document = read_evaluation(f"planner_{budget}")
+        found = {result.method: result for result in document.results}
         metrics = ("utility", "energy_efficiency_bit_per_joule", "rate_jfi", "load_jfi")
         shown = [cell(found["planner"], metric) for metric in metrics]
         rows.append([f"{budget:,}", *shown, cell(found["planner"], "worst_rate_bps")])
     header = ["plans judged", "utility", "EE, Mbit/J", "rate JFI", "load JFI", "worst, Mbit/s"]
-    wins = read("methods")["planner_wins"]
+    wins = read_evaluation("methods").planner_wins
     own = [key for key in wins if not key.endswith("-retargeted")]
     least = min(own, key=lambda key: wins[key])
     count = "all" if wins[least] == 1.0 else f"at least {wins[least]:.0%} of the"
@@ -127,24 +127,24 @@ def planner_block() -> str:
 
 def methods_block() -> str:
     """The table of all methods, and the metrics that have no room in it."""
-    document = read("methods")
+    document = read_evaluation("methods")
     others = [metric for metric in METRICS if metric not in (*HEADLINE, "backhaul_violations")]
     return "\n\n".join(
         [
             "6 UAVs, 100 users that stay, 100 topologies; mean ± standard deviation.",
-            metrics_table(document["results"], HEADLINE),
+            metrics_table(document.results, HEADLINE),
             "The other metrics, means (no backhaul is ever weak at Table I):",
-            metrics_table(document["results"], others, spread=False),
+            metrics_table(document.results, others, spread=False),
             source("methods", document),
         ]
     )
 
 
-def uav_tables(document: Mapping[str, Any], metrics: Sequence[str]) -> list[str]:
+def uav_tables(document: EvaluationSummary, metrics: Sequence[str]) -> list[str]:
     """Methods by numbers of UAVs, one table for each metric."""
-    counts = document["settings"]["uavs"]
-    methods = [entry["method"] for entry in document["settings"]["methods"]]
-    found = {(result["method"], result["uavs"]): result for result in document["results"]}
+    counts = document.settings.uavs
+    methods = [entry.method for entry in document.settings.methods]
+    found = {(result.method, result.uavs): result for result in document.results}
     return [
         table(
             [METRICS[metric].heading, *(f"{count} UAVs" for count in counts)],
@@ -159,7 +159,7 @@ def uav_tables(document: Mapping[str, Any], metrics: Sequence[str]) -> list[str]
 
 def uav_block() -> str:
     """The UAV study."""
-    document = read("uavs")
+    document = read_evaluation("uavs")
     parts = ["100 topologies for each number of UAVs, 100 users; policies trained with 6."]
     tables = uav_tables(document, UAV_METRICS)
     for metric, values in zip(UAV_METRICS, tables, strict=True):
@@ -170,30 +170,30 @@ def uav_block() -> str:
 
 def shared_bandwidth_block() -> str:
     """The UAV study with a total bandwidth."""
-    document = read("uavs_60mhz")
+    document = read_evaluation("uavs_60mhz")
     tables = uav_tables(document, ("energy_efficiency_bit_per_joule", "worst_rate_bps"))
     return "\n\n".join([*tables, source("uavs_60mhz", document)])
 
 
 def restarts_block() -> str:
     """Phase I as the best of ten K-Means runs by the sum of squares."""
-    document = read("n_init_10")
+    document = read_evaluation("n_init_10")
     parts = ["Phase I as the best of ten runs by the sum of squares (decision M27), 6 UAVs:"]
-    values = metrics_table(document["results"], HEADLINE[:-1])
+    values = metrics_table(document.results, HEADLINE[:-1])
     return "\n\n".join([*parts, values, source("n_init_10", document)])
 
 
 def mobility_block() -> str:
     """Users that walk."""
-    document = read("mobility")
-    methods = [entry["method"] for entry in document["settings"]["methods"]]
-    speeds = document["settings"]["speeds_mps"]
+    document = read_evaluation("mobility")
+    methods = [entry.method for entry in document.settings.methods]
+    speeds = document.settings.speeds_mps
     parts = ["Users that walk, 6 UAVs: what rules that stay lose, and a rule that follows."]
-    for hold in document["settings"]["heading_hold_s"]:
+    for hold in document.settings.heading_hold_s:
         found = {
-            (result["method"], result["speed_mps"]): result
-            for result in document["results"]
-            if result["heading_hold_s"] == hold
+            (result.method, result.speed_mps): result
+            for result in document.results
+            if result.heading_hold_s == hold
         }
         for metric in ("utility", "rate_jfi"):
             rows = [
@@ -219,8 +219,8 @@ def run_index_block() -> str:
 
 def readme_block() -> str:
     """The UAV study's figure and one table."""
-    document = read("methods")
-    found = {result["method"]: result for result in document["results"] if result["deterministic"]}
+    document = read_evaluation("methods")
+    found = {result.method: result for result in document.results if result.deterministic}
     results = [found[method] for method in README_METHODS]
     return "\n\n".join(
         [
@@ -242,7 +242,7 @@ def draw_studies() -> list[Path]:
     """The figures of the UAV study and the training curves."""
     from orchid_uav.experiments.figures.evaluation_figures import draw_figures
 
-    drawn = draw_figures(read("uavs")["results"], FIGURES / "new", UAV_METRICS)
+    drawn = draw_figures(read_evaluation("uavs").results, FIGURES / "new", UAV_METRICS)
     paths = []
     for path in drawn:
         if path.suffix == ".png":

@@ -3,14 +3,14 @@
 import textwrap
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import Any
 
 from orchid_uav.experiments.ablation.design import BASE
 from orchid_uav.experiments.evaluation.methods import RELEASED
 from orchid_uav.experiments.metrics import HEADROOM
+from orchid_uav.experiments.statistics.results import EvaluationResult
 from studies.pages.ablation import CONTROLS, NAME, above_doing_nothing, must_hold
 from studies.pages.markdown import ROOT
-from studies.recording import read
+from studies.recording import read_ablation, read_evaluation
 
 WIDTH = 104
 _LANGUAGES = {".toml": "toml", ".py": "python"}
@@ -18,9 +18,8 @@ _LANGUAGES = {".toml": "toml", ".py": "python"}
 
 def findings_block() -> str:
     """The numbers are the documents', the words were written to them, and fail where they lie."""
-    flown = {
-        (result["method"], result["deterministic"]): result for result in read("methods")["results"]
-    }
+    results = read_evaluation("methods").results
+    flown = {(result.method, result.deterministic): result for result in results}
     points = (
         _learning(flown),
         _noise(flown),
@@ -39,17 +38,19 @@ def findings_block() -> str:
     return "\n".join(lines)
 
 
-def _learning(flown: Mapping[tuple[str, bool], Mapping[str, Any]]) -> str:
-    own, twin = (flown[name, True]["utility"]["mean"] for name in ("orchid", "orchid-zero"))
+def _learning(flown: Mapping[tuple[str, bool], EvaluationResult]) -> str:
+    names = ("orchid", "orchid-zero")
+    own, twin = (flown[name, True].metrics["utility"].mean for name in names)
     gains = [
-        flown[key, True]["utility"]["mean"] - flown[f"{key}-zero", True]["utility"]["mean"]
+        flown[key, True].metrics["utility"].mean
+        - flown[f"{key}-zero", True].metrics["utility"].mean
         for key in RELEASED
     ]
     must_hold(max(gains) < 0.0, "no released policy is better than its twin")
-    base = read(NAME)
-    seeds = len(base["settings"]["seeds"])
+    base = read_ablation(NAME)
+    seeds = len(base.settings.seeds)
     better = [f"{gain:.3f}" for gain in above_doing_nothing(base, BASE)]
-    resets = [f"{gain:.3f}" for gain in above_doing_nothing(read(CONTROLS), "reset-only")]
+    resets = [f"{gain:.3f}" for gain in above_doing_nothing(read_ablation(CONTROLS), "reset-only")]
     must_hold((len(better), len(resets)) == (1, 2), "one seed and two of the control are better")
     return (
         "**The trained policies are no better than doing nothing.** *Utility*, the paper's "
@@ -65,13 +66,13 @@ def _learning(flown: Mapping[tuple[str, bool], Mapping[str, Any]]) -> str:
     )
 
 
-def _noise(flown: Mapping[tuple[str, bool], Mapping[str, Any]]) -> str:
+def _noise(flown: Mapping[tuple[str, bool], EvaluationResult]) -> str:
     name = "energy_efficiency_bit_per_joule"
     sampled, alone, still = (
-        flown[key][name]["mean"] / 1e6
+        flown[key].metrics[name].mean / 1e6
         for key in (("orchid", False), ("orchid-zero", False), ("orchid-zero", True))
     )
-    paid = flown["orchid", False][f"thrust_{name}"]["mean"] / 1e6
+    paid = flown["orchid", False].metrics[f"thrust_{name}"].mean / 1e6
     must_hold(sampled < alone and paid < still, "the gain is the noise's, and thrust takes it")
     return (
         "**The energy efficiency seen in training comes from its noise.** With that noise "
@@ -84,12 +85,14 @@ def _noise(flown: Mapping[tuple[str, bool], Mapping[str, Any]]) -> str:
     )
 
 
-def _rules(flown: Mapping[tuple[str, bool], Mapping[str, Any]]) -> str:
+def _rules(flown: Mapping[tuple[str, bool], EvaluationResult]) -> str:
     names = ("static-mmf", "loiter-mmf", "balanced-loiter", "planner")
-    static, loiter, balanced, planner = (flown[name, True]["utility"]["mean"] for name in names)
-    share = flown["balanced-loiter", True][HEADROOM]["mean"]
-    mobility = read("mobility")["results"]
-    speeds = {result["speed_mps"] for result in mobility}
+    static, loiter, balanced, planner = (
+        flown[name, True].metrics["utility"].mean for name in names
+    )
+    share = flown["balanced-loiter", True].metrics[HEADROOM].mean
+    mobility = read_evaluation("mobility").results
+    speeds = {result.speed_mps for result in mobility}
     leads = [
         _mobile(mobility, "balanced-loiter", speed) - _mobile(mobility, "orchid", speed)
         for speed in (min(speeds), max(speeds))
@@ -105,22 +108,22 @@ def _rules(flown: Mapping[tuple[str, bool], Mapping[str, Any]]) -> str:
     )
 
 
-def _mobile(results: Sequence[Mapping[str, Any]], method: str, speed_mps: float) -> float:
+def _mobile(results: Sequence[EvaluationResult], method: str, speed_mps: float) -> float:
     """Utility where users walk at up to that speed, with the headings that are held longest."""
-    found = [one for one in results if (one["method"], one["speed_mps"]) == (method, speed_mps)]
-    longest = max(found, key=lambda result: result["heading_hold_s"])
-    return float(longest["utility"]["mean"])
+    found = [one for one in results if (one.method, one.speed_mps) == (method, speed_mps)]
+    longest = max(found, key=lambda result: result.heading_hold_s)
+    return float(longest.metrics["utility"].mean)
 
 
 def _reset() -> str:
-    document = read(NAME)
+    document = read_ablation(NAME)
     losses = [
-        -document["comparisons"]["training"]["no-rf"][metric]["relative"]
+        -document.comparisons["training"]["no-rf"][metric].relative
         for metric in ("reward", "rate_jfi", "load_jfi")
     ]
     return (
         "**Reset-and-Finetune helps a little in training, and no effect is shown on unseen "
-        f"topologies.** Over {_word(len(document['settings']['seeds']))} seeds, training without "
+        f"topologies.** Over {_word(len(document.settings.seeds))} seeds, training without "
         f"it ends with {min(losses):.1%} to {max(losses):.1%} less reward and fairness. The "
         "controls point to the lower learning rates, not to the reset. "
         "[Ablation](docs/ablation.md)"

@@ -4,12 +4,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from orchid_uav.experiments.metrics import METRICS, label_of
+from orchid_uav.experiments.metrics import METRICS
 from orchid_uav.experiments.provenance import CHANGES
+from orchid_uav.experiments.statistics.results import EvaluationResult, EvaluationSummary
 
 ROOT = Path(__file__).parents[2]
 FIGURES = ROOT / "docs" / "figures"
-Result = Mapping[str, Any]
+Result = EvaluationResult
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], words: int = 1) -> str:
@@ -20,11 +21,11 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], words: int = 1) 
 
 def cell(result: Result, metric: str, spread: bool = True) -> str:
     """Mean ± standard deviation as it is shown everywhere."""
-    described, value = METRICS[metric], result[metric]
-    if value["mean"] is None:
+    described, value = METRICS[metric], result.metrics[metric]
+    if value.mean is None:
         return "–"
-    text = described.text(value["mean"])
-    return f"{text} ± {described.text(value['std'])}" if spread and value["std"] else text
+    text = described.text(value.mean)
+    return f"{text} ± {described.text(value.std)}" if spread and value.std else text
 
 
 def recorded(document: Mapping[str, Any]) -> str:
@@ -34,19 +35,20 @@ def recorded(document: Mapping[str, Any]) -> str:
     return f"{document['date']}{changed}, {document['host']['processor']}"
 
 
-def source(name: str, document: Mapping[str, Any]) -> str:
+def source(name: str, document: EvaluationSummary) -> str:
     """When, where and how the numbers were made."""
-    command = " ".join(document["command"])
+    command = " ".join(document.command)
     if name.endswith("_N"):
         command = command.rpartition(" ")[0] + " N"
-    return f"{recorded(document)}, `{command}` by `make studies` → `studies/results/{name}.json`."
+    when = recorded(document.to_json())
+    return f"{when}, `{command}` by `make studies` → `studies/results/{name}.json`."
 
 
 def metrics_table(results: Sequence[Result], metrics: Sequence[str], spread: bool = True) -> str:
     """Methods by metrics, without those that the results of an earlier version do not have."""
-    metrics = [metric for metric in metrics if metric in results[0]]
+    metrics = [metric for metric in metrics if metric in results[0].metrics]
     return table(
         ["method", *(METRICS[metric].heading for metric in metrics)],
-        [[f"`{label_of(result)}`", *(cell(result, metric, spread) for metric in metrics)]
+        [[f"`{result.label}`", *(cell(result, metric, spread) for metric in metrics)]
          for result in results],
     )  # fmt: skip

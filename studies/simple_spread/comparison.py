@@ -38,7 +38,7 @@ def compare(rows: Sequence[Mapping[str, Any]], random_return: float) -> dict[str
         finals.setdefault(row["arm"], []).append(row["final_return"])
         curves.setdefault(row["arm"], []).append(fmean(row["curve"]) if "curve" in row else None)
     return {
-        "arms": {arm: describe_seeds(values) for arm, values in finals.items()},
+        "arms": {arm: describe_seeds(values).to_json() for arm, values in finals.items()},
         "pairs": _pairs(finals, random_return),
         "pairs_of_curves": _pairs(curves, random_return),
     }

@@ -45,6 +45,7 @@ from orchid_uav.experiments.ablation.design import (
     trained_values,
     world_values,
 )
+from orchid_uav.experiments.ablation.result import AblationResult, TriggerReplay
 from orchid_uav.experiments.ablation.variants import Variant, apply_variant, assigned
 from orchid_uav.experiments.errors import RunFailedError
 from orchid_uav.experiments.evaluation import flights as evaluation
@@ -52,6 +53,7 @@ from orchid_uav.experiments.evaluation.flights import Plan, Setting, evaluate
 from orchid_uav.experiments.evaluation.methods import rules
 from orchid_uav.experiments.jobs import local_processes as jobs
 from orchid_uav.experiments.jobs.local_processes import JobEnd
+from orchid_uav.experiments.statistics.intervals import MetricSummary
 from orchid_uav.experiments.training.job import TrainingJob, run_one
 from tests.helpers.damage import reseal
 from tests.helpers.processes import (
@@ -281,10 +283,10 @@ class TestStatistics:
             [],
         ]
         found = late_changes({"base": runs, "no-rf": runs[:1]})
-        assert found["base"]["reward"]["mean"] == pytest.approx((70.0 + 140.0) / 2)
-        assert (found["base"]["reward"]["n"], found["base"]["reward"]["failed"]) == (2, 1)
-        assert found["no-rf"]["reward"]["mean"] == pytest.approx(70.0)
-        assert found["base"]["coverage"]["mean"] == 0.0
+        assert found["base"]["reward"].mean == pytest.approx((70.0 + 140.0) / 2)
+        assert (found["base"]["reward"].n, found["base"]["reward"].failed) == (2, 1)
+        assert found["no-rf"]["reward"].mean == pytest.approx(70.0)
+        assert found["base"]["coverage"].mean == 0.0
         assert set(found["base"]) == set(TRAINED)
 
     @pytest.mark.parametrize(("length", "is_known"), [(249, False), (250, True)])
@@ -307,11 +309,11 @@ class TestStatistics:
         jfi, reward = 1.0 + noise * generator.standard_normal((2, length)).cumsum(axis=1)
         runs = [log(rate_jfi=jfi.tolist(), reward=reward.tolist()), []]
         table = replayed_trigger(runs)
-        assert [(row["window"], row["tolerance"]) for row in table] == [
+        assert [(row.window, row.tolerance) for row in table] == [
             (window, tolerance) for window in WINDOWS for tolerance in TOLERANCES
         ]
         for row in table:
-            window, tolerance = row["window"], row["tolerance"]
+            window, tolerance = row.window, row.tolerance
             fired = []
             for end in range(2 * window, length + 1):
                 old, new = (
@@ -322,7 +324,7 @@ class TestStatistics:
                 if (change < tolerance).all():
                     fired.append(end)
             expected = (1, 1, fired[0]) if fired else (1, 0, None)
-            assert (row["runs"], row["fired"], row["median_episode"]) == expected
+            assert (row.runs, row.fired, row.median_episode) == expected
             callback = ResetAndFinetune(window, tolerance, tolerance)
             callback.model = SimpleNamespace(optimizers=[], learning_rate_scale=1.0)
             callback._on_episodes(runs[0])
@@ -332,25 +334,21 @@ class TestStatistics:
         flat, rising = [1.0] * 40, [1.1**step for step in range(40)]
         late = rising[:10] + [3.0] * 30  # flat windows of 10 from episode 30 on
         runs = [log(rate_jfi=jfi, reward=flat) for jfi in (flat, flat, late, rising)]
-        found = {(row["window"], row["tolerance"]): row for row in replayed_trigger([*runs, []])}
-        assert found[10, 0.01] == {
-            "window": 10,
-            "tolerance": 0.01,
-            "runs": 4,
-            "fired": 3,
-            "median_episode": 20,
-        }
-        assert found[25, 0.05]["fired"] == 0
+        found = {(row.window, row.tolerance): row for row in replayed_trigger([*runs, []])}
+        assert found[10, 0.01] == TriggerReplay(
+            window=10, tolerance=0.01, runs=4, fired=3, median_episode=20
+        )
+        assert found[25, 0.05].fired == 0
 
     def test_a_margin_is_a_share_of_the_bases_mean(self):
         base = {"utility": [2.0, 2.2, 1.8, 2.0, 2.0, math.nan], "coverage": [0.0] * 6}
         own = {"utility": [2.0, 2.2, 1.8, 2.0, 2.1, 2.0], "coverage": [0.0] * 6}
         found = compare({"base": base, "own": own}, ("utility", "coverage"), 0.1)
         assert set(found) == {"own"}
-        assert found["own"]["utility"]["equivalence"]["margin"] == pytest.approx(0.2)
-        assert found["own"]["coverage"]["equivalence"] is None  # of 0 there is no share
-        assert found["own"]["utility"]["n"] == 5
-        assert found["own"]["utility"]["failed_base"] == 1
+        assert found["own"]["utility"].equivalence.margin == pytest.approx(0.2)
+        assert found["own"]["coverage"].equivalence is None  # of 0 there is no share
+        assert found["own"]["utility"].n == 5
+        assert found["own"]["utility"].failed_base == 1
 
     def test_metrics_of_one_variant_are_one_family(self):
         base = {metric: [0.0] * 8 for metric in ("utility", "coverage")}
@@ -358,33 +356,32 @@ class TestStatistics:
         own = {"utility": [1.0 + seed for seed in range(8)], "coverage": [-1.0, 1.0] * 4}
         alone = compare({"base": base, "own": own}, ("utility", "coverage"), 0.05)
         found = compare({"base": base, "own": own, "same": own}, ("utility", "coverage"), 0.05)
-        assert alone["own"]["utility"]["p_holm"] == pytest.approx(2 * 2 / 2**8)
-        assert alone["own"]["utility"]["verdict"] == "better"
+        assert alone["own"]["utility"].p_holm == pytest.approx(2 * 2 / 2**8)
+        assert alone["own"]["utility"].verdict == "better"
         assert found["own"] == found["same"] == alone["own"]
 
     def test_more_reward_is_better(self):
         base = {"reward": [0.0] * 8}
         found = compare({"base": base, "own": {"reward": [1.0] * 8}}, ["reward"], 0.05)
-        assert found["own"]["reward"]["better"] == "higher"
+        assert found["own"]["reward"].better == "higher"
 
     def test_rewards_of_another_function_are_shown_and_not_judged(self):
         base = {"reward": [0.0] * 8, "rate_jfi": [0.0] * 8}
         own = {"reward": [1.0] * 7 + [math.nan], "rate_jfi": [1.0] * 8}
         values = {"base": base, "own": own, "pf": own}
         found = compare(values, ("reward", "rate_jfi"), 0.05, ["pf"])
-        assert found["own"]["reward"]["verdict"] == "undecided"  # a run failed
+        assert found["own"]["reward"].verdict == "undecided"  # a run failed
         reward = found["pf"]["reward"]
-        assert list(reward) == list(found["own"]["reward"])
-        assert reward["verdict"] == "not compared"
-        assert (reward["n"], reward["failed_base"], reward["failed_variant"]) == (7, 0, 1)
-        assert reward["difference"]["mean"] is reward["p_holm"] is reward["equivalence"] is None
+        assert list(reward.to_json()) == list(found["own"]["reward"].to_json())
+        assert reward.verdict == "not compared"
+        assert (reward.n, reward.failed_base, reward.failed_variant) == (7, 0, 1)
+        assert reward.difference.mean is reward.p_holm is reward.equivalence is None
         # It belongs to no family: the others are judged as if it were not there.
         alone = compare({"base": base, "pf": own}, ("rate_jfi",), 0.05)
         assert found["pf"]["rate_jfi"] == alone["pf"]["rate_jfi"]
-        document = {
-            "values": {"training": describe_values(values)},
-            "comparisons": {"training": found},
-        }
+        document = SimpleNamespace(
+            values={"training": describe_values(values)}, comparisons={"training": found}
+        )
         [row] = [row for row in comparison_rows(document, "training") if row[6] == "not compared"]
         assert row[:7] == ["pf", "reward", "-", "-", "-", "-", "not compared"]
         assert row[7:] == ["0.0", "1.0", "7 (1 of the variant failed)"]
@@ -400,9 +397,9 @@ class TestStatistics:
 
     def test_values_are_described_by_variant_and_metric(self):
         found = describe_values({"base": {"utility": [1.0, 2.0, 3.0, 4.0, 50.0, math.nan]}})
-        assert found["base"]["utility"]["iqm"] == 3.0  # of 2, 3, 4
-        assert found["base"]["utility"]["mean"] == 12.0
-        assert found["base"]["utility"]["failed"] == 1
+        assert found["base"]["utility"].iqm == 3.0  # of 2, 3, 4
+        assert found["base"]["utility"].mean == 12.0
+        assert found["base"]["utility"].failed == 1
 
 
 # How long it takes
@@ -576,7 +573,7 @@ class TestFinished:
     def test_tables_of_a_terminal_fit_it_and_keep_their_words(self, finished, width):
         screen = io.StringIO()
         out = Console(file=screen, width=width, force_terminal=True, color_system=None)
-        print_ablation(out, document_of(finished.path))
+        print_ablation(out, AblationResult.from_json(document_of(finished.path)))
         lines = [line.rstrip() for line in screen.getvalue().splitlines()]
         assert max(map(len, lines)) <= width
         heads = [line for line in lines if line.startswith("metric ")]
@@ -911,14 +908,13 @@ def test_the_time_it_takes_is_told_before_it_begins(ablate, monkeypatch, seeds, 
 
 
 def test_rows_of_a_document_are_what_programs_find(finished):
-    document = document_of(finished.path)
+    document = AblationResult.from_json(document_of(finished.path))
     rows = comparison_rows(document, "evaluation")
     assert [len(row) for row in rows] == [10] * len(FLOWN)
-    for other in document["others"]:
-        if not other["deterministic"]:
-            other["utility"]["mean"] = {"base-s0-zero": 1.0, "base-s1-zero": 3.0}.get(
-                other["method"]
-            )
+    for other in document.others:
+        if not other.deterministic:
+            mean = {"base-s0-zero": 1.0, "base-s1-zero": 3.0}.get(other.method)
+            other.metrics["utility"] = MetricSummary(mean=mean, std=None, ci95=None)
     reached = {row[0]: row[-1] for row in reached_rows(document)}
     assert list(reached) == [
         "base",

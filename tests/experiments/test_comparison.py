@@ -13,6 +13,7 @@ from scipy import stats
 from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.statistics.comparison import (
     FLIPS,
+    Equivalence,
     compare_families,
     compare_pairs,
     describe_seeds,
@@ -38,7 +39,8 @@ def split(seeds):
 
 
 def as_valid_json(found):
-    assert json.loads(json.dumps(found, allow_nan=False)) == found
+    written = json.dumps(found.to_json(), allow_nan=False)
+    assert type(found).from_json(json.loads(written)) == found
 
 
 class TestInterquartileMean:
@@ -78,42 +80,42 @@ class TestInterquartileMean:
 class TestDescription:
     def test_by_hand(self):
         found = describe_seeds([9.0, 2.0, -7.0, 4.0, 2.5])
-        assert (found["n"], found["failed"], found["ci95_of"]) == (5, 0, "iqm")
-        assert found["mean"] == pytest.approx(2.1)
-        assert found["median"] == 2.5
-        assert found["iqm"] == pytest.approx(8.5 / 3)
+        assert (found.n, found.failed, found.ci95_of) == (5, 0, "iqm")
+        assert found.mean == pytest.approx(2.1)
+        assert found.median == 2.5
+        assert found.iqm == pytest.approx(8.5 / 3)
         squares = 6.9**2 + 0.1**2 + 9.1**2 + 1.9**2 + 0.4**2
-        assert found["std"] == pytest.approx(math.sqrt(squares / 4))
+        assert found.std == pytest.approx(math.sqrt(squares / 4))
 
     def test_the_interval_is_a_second_bca_of_the_interquartile_mean(self):
         values = np.random.default_rng(4).normal(3.0, 1.0, 10)
-        assert_close(describe_seeds(values)["ci95"], bca((values,), interquartile_mean))
+        assert_close(describe_seeds(values).ci95, bca((values,), interquartile_mean))
 
     def test_the_interval_of_ten_seeds_covers_about_as_often_as_it_says(self):
         # About 0.93 in 600 trials with other seeds.
         generator = np.random.default_rng(11)
         trials, covered = 400, 0
         for _ in range(trials):
-            low, high = describe_seeds(generator.normal(3.0, 1.0, 10))["ci95"]
+            low, high = describe_seeds(generator.normal(3.0, 1.0, 10)).ci95
             covered += low <= 3.0 <= high
         assert 0.88 <= covered / trials <= 0.98
 
     def test_the_interval_is_unknown_where_no_single_seed_matters(self):
         found = describe_seeds([0.0] * 9 + [1.0])
-        assert (found["iqm"], found["ci95"]) == (0.0, None)
+        assert (found.iqm, found.ci95) == (0.0, None)
 
     def test_failed_seeds_are_counted_and_not_averaged(self):
         whole = describe_seeds([1.0, 5.0, 2.0, 3.0, 8.0])
-        assert whole["ci95"] is not None
+        assert whole.ci95 is not None
         found = describe_seeds([1.0, NAN, 5.0, 2.0, None, 3.0, 8.0])
-        assert found == whole | {"failed": 2}
+        assert found == whole.model_copy(update={"failed": 2})
 
     @pytest.mark.parametrize("count", range(5))
     def test_fewer_than_five_seeds_have_no_interval(self, count):
         found = describe_seeds([1.0, 2.0, 4.0, 8.0][:count])
-        assert found["n"] == count and found["ci95"] is None
-        assert (found["std"] is None) == (count < 2)
-        assert (found["mean"] is None) == (count == 0)
+        assert found.n == count and found.ci95 is None
+        assert (found.std is None) == (count < 2)
+        assert (found.mean is None) == (count == 0)
         as_valid_json(found)
 
     @pytest.mark.parametrize("values", [[1.0, math.inf], [[1.0, 2.0]], 3.0, ["x"]])
@@ -182,8 +184,8 @@ class TestSignFlips:
     )
     def test_the_smallest_is_that_of_a_variant_that_wins_every_pair(self, count, expected):
         found = compare_pairs(np.zeros(count), np.linspace(1.0, 2.0, count), "higher")
-        assert found["p_value"] == pytest.approx(expected, rel=1e-12)
-        assert found["smallest_p"] == pytest.approx(expected, rel=1e-12)
+        assert found.p_value == pytest.approx(expected, rel=1e-12)
+        assert found.smallest_p == pytest.approx(expected, rel=1e-12)
 
 
 def brute_force_share(base, variant, better):
@@ -272,8 +274,8 @@ class TestEquivalence:
         assert expected == pytest.approx(p_value, abs=5e-6)
         for differences in (self.DIFFERENCES, -self.DIFFERENCES):
             found = equivalence(differences, margin)
-            assert found["p_value"] == pytest.approx(expected, rel=1e-12)
-            assert (found["margin"], found["equivalent"]) == (margin, shown)
+            assert found.p_value == pytest.approx(expected, rel=1e-12)
+            assert (found.margin, found.equivalent) == (margin, shown)
 
     @few
     @given(st.lists(figures, min_size=5, max_size=12), st.floats(0.1, 200.0))
@@ -283,19 +285,19 @@ class TestEquivalence:
             values[0] += 1.0
         low, high = stats.t.interval(0.9, len(values) - 1, values.mean(), stats.sem(values))
         found = equivalence(values, margin)
-        assert found["equivalent"] == (-margin <= low and high <= margin)
+        assert found.equivalent == (-margin <= low and high <= margin)
         tests = [
             stats.ttest_1samp(values, -margin, alternative="greater").pvalue,
             stats.ttest_1samp(values, margin, alternative="less").pvalue,
         ]
-        assert found["p_value"] == pytest.approx(max(tests), rel=1e-9)
+        assert found.p_value == pytest.approx(max(tests), rel=1e-9)
 
     @pytest.mark.parametrize(
         ("difference", "p_value"), [(0.0, 0.0), (-0.5, 0.0), (1.0, 1.0), (2.0, 1.0)]
     )
     def test_differences_that_are_all_the_same_are_exact(self, difference, p_value):
         found = equivalence(np.full(5, difference), 1.0)
-        assert found == {"margin": 1.0, "p_value": p_value, "equivalent": p_value == 0.0}
+        assert found == Equivalence(margin=1.0, p_value=p_value, equivalent=p_value == 0.0)
 
     def test_needs_a_margin_and_five_pairs(self):
         assert equivalence(self.DIFFERENCES, None) is None
@@ -367,22 +369,22 @@ class TestPairs:
     def test_by_hand(self):
         base, variant = [1.0, 2.0, 3.0, 4.0, 10.0], [2.0, 2.5, 5.0, 3.0, 18.0]
         found = compare_pairs(base, variant, "higher", margin=20.0)  # 1, 0.5, 2, -1, 8
-        difference = found["difference"]
-        assert (found["n"], found["seeds"], found["better"]) == (5, 5, "higher")
-        assert difference["mean"] == pytest.approx(2.1)
-        assert difference["median"] == 1.0
-        assert difference["iqm"] == pytest.approx(3.5 / 3)
-        assert difference["ci95_of"] == "mean"
-        assert found["relative"] == pytest.approx(2.1 / 4.0)
-        assert found["p_value"] == brute_force_p_value([1.0, 0.5, 2.0, -1.0, 8.0])
-        assert found["equivalence"]["equivalent"]
+        difference = found.difference
+        assert (found.n, found.seeds, found.better) == (5, 5, "higher")
+        assert difference.mean == pytest.approx(2.1)
+        assert difference.median == 1.0
+        assert difference.iqm == pytest.approx(3.5 / 3)
+        assert difference.ci95_of == "mean"
+        assert found.relative == pytest.approx(2.1 / 4.0)
+        assert found.p_value == brute_force_p_value([1.0, 0.5, 2.0, -1.0, 8.0])
+        assert found.equivalence.equivalent
         as_valid_json(found)
 
     def test_the_interval_is_that_of_the_mean_paired_difference(self):
         generator = np.random.default_rng(0)
         seeds = generator.normal(50.0, 20.0, 10)  # much more than the variant does
         variant = seeds + generator.normal(1.0, 0.5, 10)
-        found = compare_pairs(seeds, variant, "higher")["difference"]["ci95"]
+        found = compare_pairs(seeds, variant, "higher").difference.ci95
         assert found == interval((variant - seeds,), np.mean)
         assert 0.0 < found[0] < 1.0 < found[1] < 2.0
 
@@ -399,17 +401,17 @@ class TestPairs:
         base = [1.0, 2.0, NAN, 4.0, 5.0, NAN, 6.0, 9.0]
         variant = [1.5, 2.6, 3.0, NAN, 5.1, NAN, 5.0, 9.9]
         found = compare_pairs(base, variant, "higher", margin=1.0)
-        assert (found["n"], found["seeds"]) == (5, 8)
-        assert (found["failed_base"], found["failed_variant"]) == (2, 2)
+        assert (found.n, found.seeds) == (5, 8)
+        assert (found.failed_base, found.failed_variant) == (2, 2)
         whole = [0, 1, 4, 6, 7]
         expected = compare_pairs(
             [base[seed] for seed in whole], [variant[seed] for seed in whole], "higher", margin=1.0
         )
         of_all = {"seeds", "failed_base", "failed_variant"}
         of_all |= {"probability_of_improvement", "probability_of_improvement_ci95"}
-        for key in found.keys() - of_all:
-            assert found[key] == expected[key], key
-        assert found["probability_of_improvement"] == brute_force_share(base, variant, "higher")
+        for key in found.model_fields_set - of_all:
+            assert getattr(found, key) == getattr(expected, key), key
+        assert found.probability_of_improvement == brute_force_share(base, variant, "higher")
         as_valid_json(found)
 
     @pytest.mark.parametrize("count", range(7))
@@ -417,11 +419,11 @@ class TestPairs:
     def test_any_number_of_pairs_is_valid_json(self, count, base):
         found = compare_pairs([base] * count, [float(k % 3) for k in range(count)], "lower", 0.1)
         as_valid_json(found)
-        is_small = found["n"] < 5
-        assert (found["difference"]["ci95"] is None) == is_small
-        assert (found["equivalence"] is None) == is_small
-        assert (found["least_detectable_effect"] is None) == is_small
-        assert (found["relative"] is None) == (base != 2.0 or not count)
+        is_small = found.n < 5
+        assert (found.difference.ci95 is None) == is_small
+        assert (found.equivalence is None) == is_small
+        assert (found.least_detectable_effect is None) == is_small
+        assert (found.relative is None) == (base != 2.0 or not count)
 
     @few
     @given(pairs, st.sampled_from(["higher", "lower", None]))
@@ -430,15 +432,15 @@ class TestPairs:
         there = compare_pairs(base, variant, better, 9.0)
         back = compare_pairs(variant, base, better, 9.0)
         for statistic in ("mean", "median", "iqm"):
-            assert back["difference"][statistic] == pytest.approx(
-                -there["difference"][statistic], abs=1e-9
+            assert getattr(back.difference, statistic) == pytest.approx(
+                -getattr(there.difference, statistic), abs=1e-9
             )
-        low, high = there["difference"]["ci95"]
-        assert back["difference"]["ci95"] == pytest.approx([-high, -low], abs=1e-9)
-        share = there["probability_of_improvement"]
-        assert back["probability_of_improvement"] == pytest.approx(1.0 - share)
+        low, high = there.difference.ci95
+        assert back.difference.ci95 == pytest.approx([-high, -low], abs=1e-9)
+        share = there.probability_of_improvement
+        assert back.probability_of_improvement == pytest.approx(1.0 - share)
         for key in ("p_value", "equivalence", "least_detectable_effect"):
-            assert back[key] == there[key]
+            assert getattr(back, key) == getattr(there, key)
         opposite = {"better": "worse", "worse": "better", "higher": "lower", "lower": "higher"}
         assert judge(back) == opposite.get(judge(there), judge(there))
 
@@ -448,7 +450,7 @@ class TestPairs:
         base, variant = split(seeds)
         found = compare_pairs(base, variant, better, 5.0)
         shifted = compare_pairs(base + shift, variant + shift, better, 5.0)
-        assert shifted | {"relative": None} == found | {"relative": None}
+        assert shifted.model_copy(update={"relative": found.relative}) == found
 
     @few
     @given(pairs, st.sampled_from(["higher", "lower"]), st.integers(-8, 8))
@@ -458,13 +460,13 @@ class TestPairs:
         found = compare_pairs(base, variant, better, 5.0)
         scaled = compare_pairs(base * scale, variant * scale, better, 5.0 * scale)
         for key in ("mean", "median", "iqm"):
-            assert scaled["difference"][key] == found["difference"][key] * scale
-        assert scaled["difference"]["ci95"] == [end * scale for end in found["difference"]["ci95"]]
-        effect = found["least_detectable_effect"]
-        assert scaled["least_detectable_effect"] == pytest.approx(effect * scale)
-        assert scaled["equivalence"]["p_value"] == pytest.approx(found["equivalence"]["p_value"])
+            assert getattr(scaled.difference, key) == getattr(found.difference, key) * scale
+        assert scaled.difference.ci95 == [end * scale for end in found.difference.ci95]
+        effect = found.least_detectable_effect
+        assert scaled.least_detectable_effect == pytest.approx(effect * scale)
+        assert scaled.equivalence.p_value == pytest.approx(found.equivalence.p_value)
         for key in ("relative", "p_value", "probability_of_improvement_ci95"):
-            assert scaled[key] == found[key]
+            assert getattr(scaled, key) == getattr(found, key)
 
     @few
     @given(pairs)
@@ -473,7 +475,7 @@ class TestPairs:
         found = compare_pairs(base, variant, "lower")
         mirrored = compare_pairs(-base, -variant, "higher")
         for key in ("probability_of_improvement", "probability_of_improvement_ci95", "p_value"):
-            assert found[key] == mirrored[key]
+            assert getattr(found, key) == getattr(mirrored, key)
         assert judge(found) == judge(mirrored)
 
     def test_numpys_global_generator_neither_matters_nor_moves(self):
@@ -544,9 +546,11 @@ class TestVerdict:
 
     def test_goes_by_the_adjusted_p_value_where_there_is_one(self):
         found = compare_pairs(ZEROS, SHOWN, "higher")
-        assert judge(found | {"p_holm": 0.05}) == "better"
-        assert judge(found | {"p_holm": 0.06}) == "no difference shown"
-        assert judge(found | {"p_holm": 0.06, "smallest_p_holm": 0.06}) == "undecided"
+        assert judge(found.model_copy(update={"p_holm": 0.05})) == "better"
+        assert judge(found.model_copy(update={"p_holm": 0.06})) == "no difference shown"
+        assert (
+            judge(found.model_copy(update={"p_holm": 0.06, "smallest_p_holm": 0.06})) == "undecided"
+        )
 
 
 class TestFamilies:
@@ -565,23 +569,27 @@ class TestFamilies:
         least, second = 2 / 1024, brute_force_p_value(slight)
         assert 0.01 < second < 0.025
         # Three tests, for the fourth has no complete pair.
-        assert found["fast"]["reward"]["p_holm"] == pytest.approx(3 * least)
-        assert found["fast"]["power"]["p_holm"] == pytest.approx(2 * second)
-        assert found["slow"]["power"]["p_holm"] == 1.0
-        assert found["slow"]["reward"]["p_holm"] is None
-        assert found["fast"]["reward"]["smallest_p_holm"] == pytest.approx(3 * least)
-        assert found["slow"]["reward"]["smallest_p_holm"] is None
-        verdicts = [found[name][metric]["verdict"] for name in found for metric in found[name]]
+        assert found["fast"]["reward"].p_holm == pytest.approx(3 * least)
+        assert found["fast"]["power"].p_holm == pytest.approx(2 * second)
+        assert found["slow"]["power"].p_holm == 1.0
+        assert found["slow"]["reward"].p_holm is None
+        assert found["fast"]["reward"].smallest_p_holm == pytest.approx(3 * least)
+        assert found["slow"]["reward"].smallest_p_holm is None
+        verdicts = [found[name][metric].verdict for name in found for metric in found[name]]
         assert verdicts == ["better", "worse", "undecided", "equivalent"]
         own = compare_pairs(ZEROS, slight, "lower", 2.0)
-        assert {key: found["fast"]["power"][key] for key in own} == own
-        as_valid_json(found)
+        assert {
+            key: found["fast"]["power"].to_json()[key] for key in own.to_json()
+        } == own.to_json()
+        for by_metric in found.values():
+            for one in by_metric.values():
+                as_valid_json(one)
 
     @pytest.mark.parametrize(("size", "expected"), [(25, "better"), (26, "undecided")])
     def test_ten_seeds_can_show_nothing_among_more_than_25(self, size, expected):
         variants = {str(index): {"reward": SHOWN} for index in range(size)}
         found = compare_families({"reward": ZEROS}, variants, {"reward": "higher"})
-        assert {by_metric["reward"]["verdict"] for by_metric in found.values()} == {expected}
+        assert {by_metric["reward"].verdict for by_metric in found.values()} == {expected}
 
     def test_of_no_variant_is_empty(self):
         assert compare_families({"reward": ZEROS}, {}, {"reward": "higher"}) == {}

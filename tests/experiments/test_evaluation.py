@@ -38,6 +38,8 @@ from orchid_uav.experiments.figures import evaluation_figures as drawing
 from orchid_uav.experiments.metrics import EVALUATION_METRICS, HEADROOM, METRICS
 from orchid_uav.experiments.runs.records import find_run
 from orchid_uav.experiments.statistics import intervals as statistics
+from orchid_uav.experiments.statistics.intervals import UNKNOWN
+from orchid_uav.experiments.statistics.results import EvaluationResult
 from tests.helpers.damage import reseal
 from tests.helpers.processes import (
     ESCAPE,
@@ -158,11 +160,11 @@ def test_all_methods_meet_the_same_users_whatever_their_start(trained, monkeypat
 def test_a_policy_flies_other_counts_than_it_was_trained_with(trained):
     settings = [Setting("tcp", uavs, users, 3.0, 2.0) for uavs in (1, 5) for users in (20, 30)]
     results = summarise_flights(plan := tiny_plan(select([], [trained]), settings), fly(plan))
-    assert [(result["uavs"], result["users"]) for result in results[::2]] == [
+    assert [(result.uavs, result.users) for result in results[::2]] == [
         (1, 20), (1, 30), (5, 20), (5, 30)
     ]  # fmt: skip
-    assert results[0]["nearest_uav_m"] == {"mean": None, "std": None, "ci95": None}
-    assert results[-1]["nearest_uav_m"]["mean"] > 0.0
+    assert results[0].metrics["nearest_uav_m"] == UNKNOWN
+    assert results[-1].metrics["nearest_uav_m"].mean > 0.0
 
 
 def test_a_run_flies_as_its_actor_does_and_its_twin_hovers(trained):
@@ -215,16 +217,16 @@ def test_headroom_lies_between_loiter_and_planner():
     )
     plan = tiny_plan(contenders)
     flown = fly(plan)
-    results = {result["method"]: result for result in summarise_flights(plan, flown)}
+    results = {result.method: result.metrics for result in summarise_flights(plan, flown)}
     mean = {key: np.mean(figures["utility"]) for (*_, key, _), figures in flown.items()}
-    assert results["loiter-mmf"][HEADROOM]["mean"] == 0.0
-    assert results["planner"][HEADROOM]["mean"] == 1.0
+    assert results["loiter-mmf"][HEADROOM].mean == 0.0
+    assert results["planner"][HEADROOM].mean == 1.0
     room = mean["planner"] - mean["loiter-mmf"]
     expected = (mean["static-mmf"] - mean["loiter-mmf"]) / room
-    assert results["static-mmf"][HEADROOM]["mean"] == pytest.approx(expected)
-    low, high = results["static-mmf"][HEADROOM]["ci95"]
+    assert results["static-mmf"][HEADROOM].mean == pytest.approx(expected)
+    low, high = results["static-mmf"][HEADROOM].ci95
     assert low <= expected <= high
-    assert results["planner-retargeted"][HEADROOM]["mean"] is None  # serves other users
+    assert results["planner-retargeted"][HEADROOM].mean is None  # serves other users
 
 
 # The command
@@ -301,12 +303,16 @@ def made_up_results(settings, methods=("orchid-random-init-zero", "static-pf-ful
     results = []
     for place, (setting, (key, run)) in enumerate(itertools.product(settings, keys)):
         figures = {
-            name: {"mean": (1 + place + number / 100) / METRICS[name].scale, "std": None}
+            name: {
+                "mean": (1 + place + number / 100) / METRICS[name].scale,
+                "std": 0.125 if name == "rate_jfi" else None,
+                "ci95": None,
+            }
             for number, name in enumerate(METRICS)
         }
-        spread = figures["rate_jfi"] | {"std": 0.125}
         described = {"method": key, "run": run, "deterministic": True, "comparable": True}
-        results.append(described | setting._asdict() | figures | {"rate_jfi": spread})
+        described |= {"objective": "mmf", "episodes": 4, **setting._asdict()}
+        results.append(EvaluationResult.from_json(described | figures))
     return results
 
 
@@ -323,7 +329,7 @@ def test_on_a_terminal_no_number_and_no_word_is_broken(width, settings):
     shown = Counter(cell.removesuffix(" *") for row in cells for cell in row)
     for name, metric in METRICS.items():
         for result in results:
-            value = metric.text(result[name]["mean"])
+            value = metric.text(result.metrics[name].mean)
             assert shown[value + (" ± 0.125" if name == "rate_jfi" else "")] > 0, (name, value)
     # Each table has the same rows, called as a reader recognises them.
     names = ["orchid-random-init-zero", "static-pf-full-power"]
@@ -338,7 +344,7 @@ def test_on_a_terminal_no_number_and_no_word_is_broken(width, settings):
 def test_of_equal_names_and_seeds_the_letters_are_shown():
     results = made_up_results([Setting()])
     other = "20261122T211205Z-pf-8-s0-wxyz"
-    results.append(results[-1] | {"method": other, "run": other})
+    results.append(results[-1].model_copy(update={"method": other, "run": other}))
     text = shown_at(80, results, ["utility"])
     rows = [line.split()[0] for line in text.splitlines()[1:]]
     assert rows[2:] == [
@@ -734,7 +740,7 @@ def test_no_share_of_a_headroom_that_is_not_there():
     figures = {"utility": np.array([1.0, 1.1, 1.2, 1.3])}
     plain = {name: np.zeros(4) for name in EVALUATION_METRICS}
     flown = {flight.key: plain | figures for flight in plan.flights()}
-    assert all(result[HEADROOM]["mean"] is None for result in summarise_flights(plan, flown))
+    assert all(result.metrics[HEADROOM].mean is None for result in summarise_flights(plan, flown))
 
 
 def test_a_run_with_the_key_of_a_method_is_refused(evaluate_tiny, run_copy):

@@ -20,6 +20,12 @@ from orchid_uav.experiments.figures.contact_sheet import write_evaluation_sheet
 from orchid_uav.experiments.figures.evaluation_figures import MOST_LINES, draw_figures, draw_metric
 from orchid_uav.experiments.figures.style import COLUMN_IN, line_styles, setting_of
 from orchid_uav.experiments.metrics import HEADROOM, METRICS
+from orchid_uav.experiments.statistics.intervals import UNKNOWN, MetricSummary
+from orchid_uav.experiments.statistics.results import (
+    EvaluationResult,
+    EvaluationSettings,
+    EvaluationSummary,
+)
 
 RUN = "20261122T180343Z-orchid-s0-abcd"
 FEW = ("orchid", "maddpg-pf", "static-mmf", "planner")
@@ -43,6 +49,7 @@ def result(method, uavs=4, users=100, speed_mps=0.0, **changes):
         "heading_hold_s": 1.0,
         "episodes": 100,
         "deterministic": True,
+        "comparable": True,
     } | changes
     summaries = {}
     for name in METRICS:
@@ -55,10 +62,11 @@ def result(method, uavs=4, users=100, speed_mps=0.0, **changes):
             std = None
         if name == "nearest_uav_m" and uavs == 1:
             mean = std = None
-        summaries[name] = {"mean": mean, "std": std, "ci95": mean and [mean, mean]}
+        ci95 = None if mean is None else [mean, mean]
+        summaries[name] = MetricSummary(mean=mean, std=std, ci95=ci95)
     objective = hovers_as(method).removeprefix("static-")
     objective = objective if objective in ("pf", "mmf") else "pf" if "-pf" in method else "mmf"
-    return {"method": method, "run": None, "objective": objective} | setting | summaries
+    return EvaluationResult(method=method, run=None, objective=objective, **setting, **summaries)
 
 
 def results(methods, **settings):
@@ -175,9 +183,9 @@ class TestLines:
         (axes,) = draw_metric(shape, "worst_rate_bps").axes
         assert axes.get_ylabel() == "worst user's rate (Mbit/s)"
         assert axes.get_xlabel() == "UAVs"
-        mine = [one for one in shape if one["method"] == "orchid"]
-        means = np.array([one["worst_rate_bps"]["mean"] for one in mine]) * 1e-6
-        stds = np.array([one["worst_rate_bps"]["std"] for one in mine]) * 1e-6
+        mine = [one for one in shape if one.method == "orchid"]
+        means = np.array([one.metrics["worst_rate_bps"].mean for one in mine]) * 1e-6
+        stds = np.array([one.metrics["worst_rate_bps"].std for one in mine]) * 1e-6
         line = curves(axes)["orchid"]
         np.testing.assert_allclose(line.get_xdata(), range(1, 8))
         np.testing.assert_allclose(line.get_ydata(), means)
@@ -270,7 +278,7 @@ class TestLines:
     def test_bands_of_shares_end_at_0_and_1(self, metric):
         shape = results(FEW, uavs=(2, 4, 6))
         for one, (mean, std) in zip(shape, [(0.95, 0.1), (0.02, 0.1), (0.5, 0.7)] * 4, strict=True):
-            one[metric] = {"mean": mean, "std": std, "ci95": None}
+            one.metrics[metric] = MetricSummary(mean=mean, std=std, ci95=None)
         (axes,) = draw_metric(shape, metric).axes
         heights = np.concatenate(bands(axes))[:, 1]
         assert (heights.min(), heights.max()) == (0.0, 1.0)
@@ -280,8 +288,8 @@ class TestLines:
     def test_bands_of_what_has_a_sign_go_below_0(self):
         shape = results(FEW, uavs=(2, 4))
         for one in shape:
-            one["reward"] = {"mean": -1.0, "std": 3.0, "ci95": None}
-            one["collisions"] = {"mean": 1.0, "std": 3.0, "ci95": None}
+            one.metrics["reward"] = MetricSummary(mean=-1.0, std=3.0, ci95=None)
+            one.metrics["collisions"] = MetricSummary(mean=1.0, std=3.0, ci95=None)
         for metric, least in (("reward", -4.0), ("collisions", 0.0)):
             (axes,) = draw_metric(shape, metric).axes
             assert np.concatenate(bands(axes))[:, 1].min() == least
@@ -301,7 +309,7 @@ class TestLines:
     ):
         shape = results(FEW, **settings)
         for turn, one in enumerate(shape):
-            one[metric] = {"mean": value * (1 - 1e-9 * turn), "std": 0.0, "ci95": None}
+            one.metrics[metric] = MetricSummary(mean=value * (1 - 1e-9 * turn), std=0.0, ci95=None)
         figure = draw_metric(shape, metric)
         figure.draw_without_rendering()
         axis = figure.axes[0].yaxis if settings else figure.axes[0].xaxis
@@ -317,8 +325,8 @@ class TestLines:
             assert list(line.get_xdata()) == list(range(2, 8))
         shape = results(FEW, uavs=(2, 4))
         for one in shape:
-            if one["method"] == "planner":
-                one[HEADROOM] = {"mean": None, "std": None, "ci95": None}
+            if one.method == "planner":
+                one.metrics[HEADROOM] = MetricSummary(mean=None, std=None, ci95=None)
         figure = draw_metric(shape, HEADROOM)
         assert list(curves(figure.axes[0])) == [name for name in FEW if name != "planner"]
         assert legends(figure) == [[name for name in FEW if name != "planner"]]
@@ -335,7 +343,7 @@ class TestLines:
             for collection in axes.collections
             if not isinstance(collection, PolyCollection)
         ]
-        mean = shape[-1]["utility"]["mean"]
+        mean = shape[-1].metrics["utility"].mean
         np.testing.assert_allclose(bar, [[4, mean - 0.2], [4, mean + 0.2]])
 
 
@@ -387,11 +395,11 @@ class TestFamilies:
     def test_what_is_identical_in_some_panels_is_said_of_them(self):
         shape = results(("orchid", "track", "planner"), uavs=(2, 4, 6), speed_mps=(0.0, 5.0))
         for one in shape:
-            if one["method"] == "track" and one["speed_mps"] == 0.0:
-                one["utility"] = next(
-                    other["utility"]
+            if one.method == "track" and one.speed_mps == 0.0:
+                one.metrics["utility"] = next(
+                    other.metrics["utility"]
                     for other in shape
-                    if (other["method"], other["uavs"]) == ("orchid", one["uavs"])
+                    if (other.method, other.uavs) == ("orchid", one.uavs)
                 )
         figure = draw_metric(shape, "utility")
         assert legends(figure, with_marks=True) == [["orchid", "track", "planner"]]
@@ -403,8 +411,10 @@ class TestFamilies:
         methods = ("static-mmf", "orchid-zero", "maddpg-mmf-zero", "balanced-loiter", "planner")
         shape = results(methods, uavs=range(4, 11))
         for turn, one in enumerate(shape):
-            if one["method"] != "planner":
-                one["utility"] = {"mean": 1.0 + difference * (turn % 2), "std": 0.0, "ci95": None}
+            if one.method != "planner":
+                one.metrics["utility"] = MetricSummary(
+                    mean=1.0 + difference * (turn % 2), std=0.0, ci95=None
+                )
         figure = draw_metric(shape, "utility")
         figure.draw_without_rendering()
         (axes,) = figure.axes
@@ -422,7 +432,7 @@ class TestFamilies:
 
     def test_a_twin_without_its_static_method_is_drawn(self):
         shape = results(("orchid", "orchid-zero", "static-pf"), uavs=(2, 4))
-        shape = [one for one in shape if (one["method"], one["uavs"]) != ("static-pf", 2)]
+        shape = [one for one in shape if (one.method, one.uavs) != ("static-pf", 2)]
         assert legends(draw_metric(shape, "utility")) == [["orchid", "orchid-zero", "static-pf"]]
 
     def test_runs_alone_are_shown_with_the_only_rule(self):
@@ -439,15 +449,15 @@ class TestDots:
         assert [line.get_ydata()[0] for line in axes.lines] == list(range(len(ALL)))
         assert axes.get_ylim()[0] > axes.get_ylim()[1]
         assert axes.get_xlabel().split() == ["worst", "user's", "rate", "(Mbit/s)"]
-        first = SHAPES["a single setting"][0]["worst_rate_bps"]
-        assert axes.lines[0].get_xdata()[0] == pytest.approx(first["mean"] * 1e-6)
+        first = SHAPES["a single setting"][0].metrics["worst_rate_bps"]
+        assert axes.lines[0].get_xdata()[0] == pytest.approx(first.mean * 1e-6)
         (bar,) = axes.collections[0].get_segments()
-        expected = [(first["mean"] + sign * first["std"]) * 1e-6 for sign in (-1, 1)]
+        expected = [(first.mean + sign * first.std) * 1e-6 for sign in (-1, 1)]
         np.testing.assert_allclose(bar[:, 0], expected)
 
     def test_who_was_not_measured_has_no_row(self):
         shape = results(FEW)
-        shape[1]["utility"] = {"mean": None, "std": None, "ci95": None}
+        shape[1].metrics["utility"] = UNKNOWN
         (axes,) = draw_metric(shape, "utility").axes
         rows = [text.get_text() for text in axes.get_yticklabels()]
         assert rows == ["orchid", "static-mmf", "planner"]
@@ -455,7 +465,7 @@ class TestDots:
     def test_bars_of_shares_end_at_1(self):
         shape = results(FEW)
         for one in shape:
-            one["coverage"] = {"mean": 0.98, "std": 0.1, "ci95": None}
+            one.metrics["coverage"] = MetricSummary(mean=0.98, std=0.1, ci95=None)
         (axes,) = draw_metric(shape, "coverage").axes
         assert max(bar.get_segments()[0][1, 0] for bar in axes.collections) == 1.0
 
@@ -474,7 +484,9 @@ class TestLooks:
     def test_no_two_methods_look_alike(self):
         shape = results(ALL, uavs=(2, 4))
         for index, one in enumerate(shape):
-            one["utility"]["mean"] += 0.001 * index  # twins, too
+            utility = one.metrics["utility"]
+            shifted = {"mean": utility.mean + 0.001 * index}  # twins, too
+            one.metrics["utility"] = utility.model_copy(update=shifted)
         shape += results(["orchid", RUN], uavs=(2, 4), deterministic=[False])
         found = looks(draw_metric(shape, "utility"))
         assert len(found) == len(ALL) + 2
@@ -520,8 +532,8 @@ class TestLooks:
         runs = [RUN, RUN.replace("s0", "s1")]
         shape = results(runs, uavs=(2, 4))
         for one in shape:
-            if one["method"] == RUN:
-                one["utility"] = {"mean": None, "std": None, "ci95": None}
+            if one.method == RUN:
+                one.metrics["utility"] = MetricSummary(mean=None, std=None, ci95=None)
         utility, coverage = (looks(draw_metric(shape, name)) for name in ("utility", "coverage"))
         assert utility == {runs[1]: coverage[runs[1]]}
 
@@ -557,24 +569,36 @@ def document_of(flown, command=("orchid", "eval"), status="completed", **world):
     """An evaluation's summary, as far as its page shows it."""
     network = Parameters().model_dump(mode="json")
     network["network"] |= {"user_count": 77} | world
-    return {
-        "status": status,
-        "date": "2026-11-26",
-        "command": list(command),
-        "versions": {"orchid_uav": "9.8.7"},
-        "results": flown,
-        "settings": {
-            "methods": [{"method": name} for name in dict.fromkeys(r["method"] for r in flown)],
-            "distributions": ["tcp", "uniform"],
-            "uavs": [4, 6],
-            "users": [77],
-            "speeds_mps": [0.0],
-            "heading_hold_s": [1.0],
-            "episodes": 100,
-            "seed": 31,
-            "world": network,
-        },
-    }
+    methods = [
+        {"method": name, "run": None, "sha256": None, "deterministic": True, "overrides": {}}
+        for name in dict.fromkeys(one.method for one in flown)
+    ]
+    return EvaluationSummary(
+        schema=1,
+        status=status,
+        date="2026-11-26",
+        command=list(command),
+        versions={"orchid_uav": "9.8.7"},
+        host={},
+        settings=EvaluationSettings.from_json(
+            {
+                "methods": methods,
+                "distributions": ["tcp", "uniform"],
+                "uavs": [4, 6],
+                "users": [77],
+                "speeds_mps": [0.0],
+                "heading_hold_s": [1.0],
+                "episodes": 100,
+                "seed": 31,
+                "planner_evaluations": 31,
+                "world": network,
+                "training_progress": 1.0,
+                "ci95": "",
+                "headroom": "",
+            }
+        ),
+        results=flown,
+    )
 
 
 class TestContactSheet:

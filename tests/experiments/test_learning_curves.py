@@ -159,11 +159,11 @@ class TestTable:
         }
         table = curve_table(groups, ["worst_rate_bps"], window=1, every=2)
         base, variant = table["base"]["worst_rate_bps"], table["variant"]["worst_rate_bps"]
-        assert (base["runs"], base["episodes"], base["iqm"]) == (6, [2, 4], [3.5e6, 3.5e6])
-        assert len(base["low"]) == len(base["high"]) == 2
-        assert 1e6 <= base["low"][0] < 3.5e6 < base["high"][0] <= 6e6
+        assert (base.runs, base.episodes, base.iqm) == (6, [2, 4], [3.5e6, 3.5e6])
+        assert len(base.low) == len(base.high) == 2
+        assert 1e6 <= base.low[0] < 3.5e6 < base.high[0] <= 6e6
         # The last episode is always there.
-        assert variant == {
+        assert variant.to_json() == {
             "runs": 1,
             "episodes": [2, 3],
             "iqm": [4e6, 6e6],
@@ -173,7 +173,7 @@ class TestTable:
 
     def test_six_digits_and_none_for_what_is_no_number(self):
         table = curve_table({"one": [run_of([1 / 3, math.nan])]}, ["rate_jfi"], window=1)
-        assert table["one"]["rate_jfi"]["iqm"] == [0.333333, None]
+        assert table["one"]["rate_jfi"].iqm == [0.333333, None]
 
 
 @pytest.fixture

@@ -11,7 +11,14 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy import stats
 
-from orchid_uav.experiments.statistics.intervals import CONFIDENCE, INTERVAL, interval, summarise
+from orchid_uav.experiments.statistics.intervals import (
+    CONFIDENCE,
+    INTERVAL,
+    UNKNOWN,
+    MetricSummary,
+    interval,
+    summarise,
+)
 
 samples = arrays(
     np.float64, st.integers(2, 12), elements=st.floats(-1e6, 1e6, allow_subnormal=False, width=32)
@@ -55,33 +62,34 @@ def assert_close(measured: list[float], expected: list[float]) -> None:
 class TestSummary:
     def test_by_hand(self):
         found = summarise(np.array([2.0, 4.0, 9.0]))
-        assert found["mean"] == 5.0
-        assert found["std"] == pytest.approx(math.sqrt((9 + 1 + 16) / 2))
-        low, high = found["ci95"]
+        assert found.mean == 5.0
+        assert found.std == pytest.approx(math.sqrt((9 + 1 + 16) / 2))
+        low, high = found.ci95
         assert 2.0 <= low < 5.0 < high <= 9.0
 
     @given(samples)
     def test_is_that_of_the_standard_library(self, sample):
         found = summarise(sample)
-        assert found["mean"] == pytest.approx(statistics.fmean(sample), rel=1e-9, abs=1e-6)
-        assert found["std"] == pytest.approx(statistics.stdev(sample), rel=1e-6, abs=1e-6)
+        assert found.mean == pytest.approx(statistics.fmean(sample), rel=1e-9, abs=1e-6)
+        assert found.std == pytest.approx(statistics.stdev(sample), rel=1e-6, abs=1e-6)
 
     @pytest.mark.parametrize("values", [[], [1.0, math.nan], [math.inf, 2.0], [-math.inf]])
     def test_of_nothing_or_of_what_is_no_number_is_unknown(self, values):
-        assert summarise(np.array(values)) == {"mean": None, "std": None, "ci95": None}
+        assert summarise(np.array(values)) == UNKNOWN
 
     def test_of_one_value_is_that_value_alone(self):
-        assert summarise(np.array([3.5])) == {"mean": 3.5, "std": None, "ci95": None}
+        assert summarise(np.array([3.5])) == MetricSummary(mean=3.5, std=None, ci95=None)
 
     @pytest.mark.parametrize("value", [0.0, 3.5, -1e-300, 1e300])
     def test_of_equal_values_has_no_width(self, value):
         found = summarise(np.full(4, value))
-        assert found == {"mean": value, "std": 0.0, "ci95": [value, value]}
+        assert found == MetricSummary(mean=value, std=0.0, ci95=[value, value])
 
     @pytest.mark.parametrize("values", [[], [1.0], [1.0, 1.0], [1.0, 2.0], [math.nan]])
     def test_is_valid_json(self, values):
         found = summarise(np.array(values))
-        assert json.loads(json.dumps(found, allow_nan=False)) == found
+        written = json.dumps(found.to_json(), allow_nan=False)
+        assert MetricSummary.from_json(json.loads(written)) == found
 
 
 class TestInterval:

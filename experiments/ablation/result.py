@@ -1,0 +1,83 @@
+"""The document of an ablation, as it is written and read back."""
+
+from typing import Annotated, Literal
+
+from pydantic import JsonValue
+
+from orchid_uav.envs.parameters import CURRENT_KEYS
+from orchid_uav.experiments.runs.records import SeenStatus
+from orchid_uav.experiments.statistics.comparison import Comparison, SeedSummary
+from orchid_uav.experiments.statistics.curves import CurveTable
+from orchid_uav.experiments.statistics.results import EvaluationResult, ResultHeader
+from orchid_uav.storage.documents import Document
+
+
+class AblationSettings(Document):
+    """What was compared."""
+
+    base: Annotated[dict[str, dict[str, JsonValue]], CURRENT_KEYS]
+    """Its configuration."""
+    variants: dict[str, Annotated[dict[str, JsonValue], CURRENT_KEYS]]
+    """By name, the values that are other than the base's, by ``"section.key"``."""
+    seeds: list[int]
+    topologies: int
+    evaluation_seed: int
+    margin: float
+    """Of equivalence, as a share of the base's mean."""
+    ci95: str
+    family: str
+
+
+class AblationRun(Document):
+    """A run, and its metrics, one number each; None where it has none."""
+
+    variant: str
+    seed: int
+    run: str | None
+    """Its id, None if it has not begun."""
+    status: SeenStatus | Literal["not begun"]
+    episodes: int
+    seconds: float | None
+    reset_episodes: list[int]
+    error: str | None
+    evaluation: dict[str, float | None]
+    sampled: dict[str, float | None]
+    training: dict[str, float | None]
+
+
+class TriggerReplay(Document):
+    """In how many runs Reset-and-Finetune's trigger would have fired."""
+
+    window: int
+    tolerance: float
+    runs: int
+    fired: int
+    median_episode: int | float | None
+
+
+class AblationHeader(ResultHeader):
+    """What ``ablation.json`` says before anything was compared."""
+
+    settings: AblationSettings
+    updated: str
+
+
+class AblationResult(AblationHeader):
+    """The content of ``ablation.json``.
+
+    The first keys of ``values`` and ``comparisons`` are "evaluation", "sampled" and "training".
+    """
+
+    runs: list[AblationRun]
+    values: dict[str, dict[str, dict[str, SeedSummary]]]
+    """By variant and metric."""
+    comparisons: dict[str, dict[str, dict[str, Comparison]]]
+    """Of each variant with the base, by metric."""
+    others: list[EvaluationResult]
+    """Rules and zero-action twins on the same topologies."""
+    late_changes: dict[str, dict[str, SeedSummary]] | None
+    """By variant and metric; None where runs are too short."""
+    replayed_trigger: dict[str, list[TriggerReplay]]
+    """By variant without Reset-and-Finetune."""
+    learning_curves: dict[str, dict[str, CurveTable]]
+    """By variant and metric."""
