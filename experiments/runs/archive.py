@@ -17,15 +17,17 @@ import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO, Any, NamedTuple
+from typing import IO, Literal, NamedTuple
+
+from pydantic import Field
 
 from orchid_uav.experiments.errors import InputError, RunFailedError
 from orchid_uav.experiments.runs.index import Run, read_run
 from orchid_uav.experiments.runs.records import CONFIG_FILE, RECORD_FILE
+from orchid_uav.storage.documents import Document
 from orchid_uav.storage.files import LARGEST_DOCUMENT, json_bytes, share, sync_directory, sync_file
 
 MANIFEST = "manifest.json"
-SCHEMA = 1
 LARGEST_TOTAL = 3 * 2**30
 """Bytes of all files together; an archive of less than 4 GiB needs no extensions of the format."""
 MOST_FILES = 10_000
@@ -39,7 +41,6 @@ _FILE = re.compile(
     rf"|{_CHECKPOINTS}[0-9]{{1,9}}/[a-z_]{{1,40}}\.(json|safetensors)"
 )
 _ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,149}")
-_SHA256 = re.compile(r"[0-9a-f]{64}")
 _CHUNK = 2**20
 _LARGEST_DIRECTORY = 4 * 2**20
 _END = struct.Struct("<4s4H2LH")
@@ -48,6 +49,20 @@ _SMALL = 2**16
 _NO_TIME = (1980, 1, 1, 0, 0, 0)
 _TEXTS = (".json", ".csv")
 _ODD_FLAGS = 0x2061  # encrypted, patched, strongly encrypted, masked
+
+
+class _File(Document):
+    """What the manifest promises of a file."""
+
+    size: int = Field(alias="bytes", ge=0)
+    sha256: str = Field(pattern="^[0-9a-f]{64}$")
+
+
+class _Manifest(Document):
+    """Every file of an archive, by run and name."""
+
+    schema_version: Literal[1] = Field(alias="schema")
+    runs: dict[str, dict[str, _File]]
 
 
 class Exported(NamedTuple):
@@ -133,7 +148,7 @@ def _is_regular(path: Path) -> bool:
 
 
 def _write(file: IO[bytes], files: Mapping[str, Path]) -> None:
-    runs: dict[str, dict[str, Any]] = {}
+    runs: dict[str, dict[str, _File]] = {}
     with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, path in files.items():
             digest, size = hashlib.sha256(), 0
@@ -142,8 +157,9 @@ def _write(file: IO[bytes], files: Mapping[str, Path]) -> None:
                     digest.update(chunk)
                     size += target.write(chunk)
             run_id, _, inner = name.partition("/")
-            runs.setdefault(run_id, {})[inner] = {"bytes": size, "sha256": digest.hexdigest()}
-        archive.writestr(_entry(MANIFEST), json_bytes({"schema": SCHEMA, "runs": runs}))
+            runs.setdefault(run_id, {})[inner] = _File(bytes=size, sha256=digest.hexdigest())
+        manifest = _Manifest(schema=1, runs=runs)
+        archive.writestr(_entry(MANIFEST), json_bytes(manifest.to_json()))
 
 
 def _open_regular(path: Path) -> IO[bytes]:
@@ -190,13 +206,6 @@ def _rename_without_replacing(source: Path, target: Path) -> None:
         if os.path.lexists(target):
             raise FileExistsError(17, "File exists", str(target)) from None
         source.rename(target)
-
-
-class _Expected(NamedTuple):
-    """A file that the manifest promises."""
-
-    size: int
-    sha256: str
 
 
 def import_runs(archive: Path, runs_dir: Path) -> list[Path]:
@@ -284,39 +293,32 @@ def _check_entries(entries: Sequence[zipfile.ZipInfo]) -> dict[str, zipfile.ZipI
 
 def _read_manifest(
     archive: zipfile.ZipFile, entries: Mapping[str, zipfile.ZipInfo]
-) -> dict[str, dict[str, _Expected]]:
+) -> dict[str, dict[str, _File]]:
     """By run and file; all of them are there, and nothing else is."""
     entry = entries.get(MANIFEST)
     if entry is None or entry.file_size > LARGEST_DOCUMENT:
         raise ValueError(f"it has no {MANIFEST}, or one that is too large")
     try:
-        document = json.loads(archive.read(entry))
-        if document["schema"] != SCHEMA:
-            raise ValueError(f"its layout is {document['schema']!r:.20}, not {SCHEMA}")
-        runs = {
-            run_id: {name: _Expected(one["bytes"], one["sha256"]) for name, one in files.items()}
-            for run_id, files in document["runs"].items()
-        }
-    except (KeyError, TypeError, AttributeError) as error:
-        raise ValueError(f"its {MANIFEST} is incomplete") from error
+        runs = _Manifest.from_json(json.loads(archive.read(entry))).runs
+    except ValueError as error:
+        raise ValueError(f"its {MANIFEST} is not as an export writes it: {error}") from error
     promised = {
         f"{run_id}/{name}": file for run_id, files in runs.items() for name, file in files.items()
     }
     if {MANIFEST, *promised} != set(entries):
         raise ValueError(f"its {MANIFEST} lists other files than there are")
     for name, file in promised.items():
-        is_size = type(file.size) is int and file.size == entries[name].file_size
-        if not is_size or not _SHA256.fullmatch(str(file.sha256)):
+        if file.size != entries[name].file_size:
             raise ValueError(f"{name} is not as its {MANIFEST} says")
     for run_id, files in runs.items():
-        if not _ID.fullmatch(run_id) or not {RECORD_FILE, CONFIG_FILE} <= set(files):
+        if not {RECORD_FILE, CONFIG_FILE} <= set(files):
             raise ValueError(f"run {run_id!r:.80} has no {RECORD_FILE} or no {CONFIG_FILE}")
     if not runs:
         raise ValueError("it holds no run")
     return runs
 
 
-def _check_room(runs_dir: Path, runs: Mapping[str, Mapping[str, _Expected]]) -> None:
+def _check_room(runs_dir: Path, runs: Mapping[str, Mapping[str, _File]]) -> None:
     for run_id in runs:
         if os.path.lexists(runs_dir / run_id):
             raise InputError(f"run {run_id} is already in {runs_dir}")
@@ -328,7 +330,7 @@ def _check_room(runs_dir: Path, runs: Mapping[str, Mapping[str, _Expected]]) -> 
 
 
 def _unpack(
-    archive: zipfile.ZipFile, runs: Mapping[str, Mapping[str, _Expected]], runs_dir: Path
+    archive: zipfile.ZipFile, runs: Mapping[str, Mapping[str, _File]], runs_dir: Path
 ) -> list[Path]:
     is_new = not runs_dir.exists()
     runs_dir.mkdir(parents=True, exist_ok=True)
@@ -367,7 +369,7 @@ def _check_run(path: Path) -> None:
         raise ValueError(f"run {path.name} calls itself {record.id!r:.80}")
 
 
-def _unpack_file(archive: zipfile.ZipFile, name: str, expected: _Expected, target: Path) -> None:
+def _unpack_file(archive: zipfile.ZipFile, name: str, expected: _File, target: Path) -> None:
     target.parent.mkdir(parents=True, exist_ok=True)
     digest, left = hashlib.sha256(), expected.size
     with archive.open(name) as source, target.open("xb") as file:
