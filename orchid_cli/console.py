@@ -15,6 +15,7 @@ from rich.console import Console
 from orchid_uav.experiments.errors import InputError, RunFailedError
 from orchid_uav.experiments.interruption import Raising, interruption_requests
 from orchid_uav.experiments.metrics import UNBREAKABLE
+from orchid_uav.notices import reason_of
 
 FAILED, WRONG_INPUT, INTERRUPTED = 1, 2, 130
 """Exit codes besides 0."""
@@ -239,7 +240,7 @@ def failing_well(debug: bool) -> Iterator[None]:
             raise
         if debug:
             traceback.print_exc()
-        print_error(f"{error.filename}: {error.strerror or error}")
+        print_error(f"{error.filename}: {reason_of(error)}")
         raise typer.Exit(FAILED) from error
     except KeyboardInterrupt as error:
         print("interrupted", file=sys.stderr)

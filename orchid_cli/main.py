@@ -14,7 +14,7 @@ from orchid_uav.cli.console import FAILED, INTERRUPTED, WRONG_INPUT, print_error
 from orchid_uav.cli.eval import evaluate
 from orchid_uav.cli.train import train
 from orchid_uav.experiments.output import lasting_output
-from orchid_uav.notices import show_on_stderr
+from orchid_uav.notices import reason_of, show_on_stderr
 
 app = Commands(help="ORCHID: fairness-aware orchestration of UAV base stations.")
 app.command()(train)
@@ -56,7 +56,7 @@ def main(arguments: list[str] | None = None) -> int:
         code = _run(sys.argv[1:] if arguments is None else arguments)
         loss = output.loss()
         if loss is not None:
-            print_error(f"cannot write the output: {loss.strerror or loss}")
+            print_error(f"cannot write the output: {reason_of(loss)}")
         return FAILED if loss is not None and code == 0 else code
 
 

@@ -33,6 +33,7 @@ from orchid_uav.cli.tables.runs import (
 )
 from orchid_uav.experiments.errors import InputError, RunFailedError
 from orchid_uav.experiments.runs.records import find_run, run_argument
+from orchid_uav.notices import reason_of
 from orchid_uav.suggestions import unknown
 
 if TYPE_CHECKING:
@@ -428,7 +429,7 @@ def _draw(runs: "list[Run]", path: Path, metrics: list[str], window: int) -> Non
     try:
         draw_learning_curves(groups, expanded(path), columns, window, title=title)
     except OSError as error:
-        raise RunFailedError(f"cannot write {path}: {error.strerror or error}") from error
+        raise RunFailedError(f"cannot write {path}: {reason_of(error)}") from error
 
 
 def _tell_damaged(damaged: dict[str, str]) -> None:

@@ -44,6 +44,7 @@ from orchid_uav.experiments.runs.records import EPISODES_FILE, check_log, read_r
 from orchid_uav.experiments.statistics.curves import curve_table
 from orchid_uav.experiments.statistics.results import EvaluationResult, EvaluationSummary, Status
 from orchid_uav.experiments.training.job import TrainingJob
+from orchid_uav.notices import reason_of
 from orchid_uav.storage.files import read_document, write_json
 
 DEFAULT_PARENT = Path("orchid-ablate")
@@ -115,7 +116,7 @@ class AblationStudy:
                 (self.directory / folder).mkdir(exist_ok=True)
         except OSError as error:
             raise InputError(
-                f"cannot write to --out {self.directory}: {error.strerror or error}"
+                f"cannot write to --out {self.directory}: {reason_of(error)}"
             ) from error
 
     def train(
@@ -180,9 +181,7 @@ class AblationStudy:
         try:
             yield
         except OSError as error:
-            raise RunFailedError(
-                f"cannot write to {self.directory}: {error.strerror or error}"
-            ) from error
+            raise RunFailedError(f"cannot write to {self.directory}: {reason_of(error)}") from error
 
     def _fly(self, plan: Plan, progress: FlightProgress) -> EvaluationSummary:
         """The summary of an evaluation that is complete already, or is gone on with, or begun."""

@@ -34,7 +34,7 @@ from orchid_uav.experiments.statistics.results import (
     EvaluationSummary,
     Status,
 )
-from orchid_uav.notices import warn_once
+from orchid_uav.notices import kind_and_reason, reason_of, warn_once
 from orchid_uav.storage.files import read_document, write_atomically, write_json
 
 SCHEMA = 1
@@ -54,7 +54,7 @@ def make_default_directory(parent: Path = DEFAULT_PARENT) -> Path:
         except FileExistsError:
             continue
         except OSError as error:
-            raise InputError(f"cannot make {directory}: {error.strerror or error}") from error
+            raise InputError(f"cannot make {directory}: {reason_of(error)}") from error
         return directory
     raise InputError(f"cannot find a free name for {parent / name}")
 
@@ -172,7 +172,7 @@ def reserve_directory(directory: Path) -> None:
         directory.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryDirectory(dir=directory).cleanup()
     except OSError as error:
-        raise InputError(f"cannot write to --out {directory}: {error.strerror or error}") from error
+        raise InputError(f"cannot write to --out {directory}: {reason_of(error)}") from error
 
 
 def episodes_table(plan: Plan, flown: Flown) -> pa.Table:
@@ -311,7 +311,7 @@ def told_if_not_drawn(directory: Path) -> Iterator[None]:
     try:
         yield
     except Exception as error:
-        reason = " ".join(f"{type(error).__name__}: {error}".split())
+        reason = kind_and_reason(error)
         warn_once("figures", f"no figures in {directory}, since drawing failed: {reason}")
 
 
@@ -336,4 +336,4 @@ def _told(directory: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise RunFailedError(f"cannot write to {directory}: {error.strerror or error}") from error
+        raise RunFailedError(f"cannot write to {directory}: {reason_of(error)}") from error

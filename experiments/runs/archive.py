@@ -24,6 +24,7 @@ from pydantic import Field
 from orchid_uav.experiments.errors import InputError, RunFailedError
 from orchid_uav.experiments.runs.index import Run, read_run
 from orchid_uav.experiments.runs.records import CONFIG_FILE, RECORD_FILE
+from orchid_uav.notices import in_one_line, reason_of
 from orchid_uav.storage.documents import Document
 from orchid_uav.storage.files import LARGEST_DOCUMENT, json_bytes, share, sync_directory, sync_file
 
@@ -119,7 +120,7 @@ def export_runs(
                 if read_run(run.path).record != run.record:
                     raise RunFailedError(f"run {run_id} changed while it was exported")
     except OSError as error:
-        raise InputError(f"cannot write {target}: {error.strerror or error}") from error
+        raise InputError(f"cannot write {target}: {reason_of(error)}") from error
     return Exported(target, sorted(by_id), target.stat().st_size, left_out)
 
 
@@ -233,12 +234,12 @@ def import_runs(archive: Path, runs_dir: Path) -> list[Path]:
         raise InputError(f"there is no {error.filename or archive}") from error
     except OSError as error:
         place = f" ({error.filename})" if error.filename else ""
-        raise InputError(f"cannot import {archive}: {error.strerror or error}{place}") from error
+        raise InputError(f"cannot import {archive}: {reason_of(error)}{place}") from error
     except (
         *(zipfile.BadZipFile, zlib.error, struct.error, EOFError),
         *(ValueError, NotImplementedError, RuntimeError),
     ) as error:
-        reason = str(error) or type(error).__name__
+        reason = in_one_line(error)
         raise InputError(f"{archive} is no archive of runs, or damaged: {reason}") from error
 
 

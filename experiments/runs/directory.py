@@ -33,6 +33,7 @@ from orchid_uav.experiments.runs.records import (
     read_config,
     read_record,
 )
+from orchid_uav.notices import reason_of
 from orchid_uav.storage.files import (
     checksum_of_file,
     json_bytes,
@@ -106,7 +107,7 @@ class RunDirectory:
             path = _new_directory(runs_dir, f"{started:%Y%m%dT%H%M%SZ}-{name}-s", config)
         except OSError as error:
             raise InputError(
-                f"cannot make a run directory in {runs_dir}: {error.strerror or error}"
+                f"cannot make a run directory in {runs_dir}: {reason_of(error)}"
             ) from error
         try:
             lock, content = RunLock(path), _config_bytes(config)
@@ -136,7 +137,7 @@ class RunDirectory:
         except BaseException as error:
             shutil.rmtree(path, ignore_errors=True)
             if isinstance(error, OSError):
-                raise InputError(f"cannot write to {path}: {error.strerror or error}") from error
+                raise InputError(f"cannot write to {path}: {reason_of(error)}") from error
             raise
         return run
 
@@ -182,7 +183,7 @@ class RunDirectory:
                 (path / _RESERVE_FILE).unlink(missing_ok=True)
             lock.release()
             if isinstance(error, OSError):
-                raise InputError(f"cannot write to {path}: {error.strerror or error}") from error
+                raise InputError(f"cannot write to {path}: {reason_of(error)}") from error
             raise
         return run
 

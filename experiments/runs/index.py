@@ -39,6 +39,7 @@ from orchid_uav.experiments.runs.records import (
     short_ids,
     status_of,
 )
+from orchid_uav.notices import reason_of
 from orchid_uav.storage.files import read_bytes
 
 TRAINING_METRICS = tuple(column for column in EPISODE_COLUMNS if column != "episode")
@@ -146,7 +147,7 @@ def read_index(runs_dir: Path) -> Index:
     except FileNotFoundError:
         return Index([], {})
     except OSError as error:
-        raise InputError(f"cannot read {runs_dir}: {error.strerror or error}") from error
+        raise InputError(f"cannot read {runs_dir}: {reason_of(error)}") from error
     runs, damaged = [], {}
     for name in names:
         path = runs_dir / name
@@ -210,7 +211,7 @@ def read_log(run: Run) -> list[Row]:
     except FileNotFoundError:
         return []
     except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror or error}") from error
+        raise InputError(f"cannot read {path}: {reason_of(error)}") from error
     except ValueError as error:
         raise InputError(f"{path} is damaged: {error}") from error
 

@@ -8,7 +8,7 @@ from filelock import FileLock, Timeout
 
 from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.provenance import boot_id
-from orchid_uav.notices import warn_once
+from orchid_uav.notices import reason_of, warn_once
 
 LOCK_FILE = ".lock"
 _PATIENCE_S = 2.0  # a look at the run takes the lock for an instant
@@ -39,7 +39,7 @@ class RunLock:
             raise InputError(f"run {directory.name} is being written by another process") from error
         except OSError as error:
             if error.errno not in _NO_LOCKS:
-                reason = error.strerror or error
+                reason = reason_of(error)
                 raise InputError(f"cannot write to {directory}: {reason}") from error
             warn_once(
                 "locks",

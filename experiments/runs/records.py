@@ -12,6 +12,7 @@ from orchid_uav.envs.parameters import describe_error
 from orchid_uav.experiments.configuration import RunConfig
 from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.runs.lock import is_alive
+from orchid_uav.notices import reason_of
 from orchid_uav.storage.documents import Document
 from orchid_uav.storage.files import checksum_of_file, read_document, read_sealed
 from orchid_uav.suggestions import did_you_mean, nearest
@@ -91,7 +92,7 @@ def read_record(path: Path) -> RunRecord:
     except (FileNotFoundError, NotADirectoryError) as error:
         raise InputError(f"{path} is not a run directory: it has no {RECORD_FILE}") from error
     except OSError as error:
-        raise InputError(f"cannot read {file}: {error.strerror or error}") from error
+        raise InputError(f"cannot read {file}: {reason_of(error)}") from error
     except ValueError as error:
         raise InputError(f"cannot read the run: {error}") from error
     try:
@@ -114,7 +115,7 @@ def read_plain_config(path: Path, record: RunRecord) -> dict[str, Any]:
             raise ValueError(f"{file} is not the configuration that the run was made with (sha256)")
         return read_document(file, _LARGEST_CONFIG, found)
     except OSError as error:
-        raise InputError(f"cannot read {file}: {error.strerror or error}") from error
+        raise InputError(f"cannot read {file}: {reason_of(error)}") from error
     except ValueError as error:
         raise InputError(f"cannot read the run: {error}") from error
 
@@ -142,7 +143,7 @@ def check_log(path: Path, record: RunRecord) -> None:
         if checksum is not None and checksum_of_file(file, LARGEST_LOG) != checksum:
             raise ValueError(f"{file} is not what was written: its checksum (sha256) does not fit")
     except OSError as error:
-        raise InputError(f"cannot read {file}: {error.strerror or error}") from error
+        raise InputError(f"cannot read {file}: {reason_of(error)}") from error
     except ValueError as error:
         raise InputError(f"cannot read the run: {error}") from error
 
@@ -220,7 +221,7 @@ def find_run(name: str, runs_dir: Path) -> Path:
     except (FileNotFoundError, NotADirectoryError) as error:
         raise InputError(f"no run '{name}': there is no directory {runs_dir}") from error
     except OSError as error:
-        raise InputError(f"cannot read {runs_dir}: {error.strerror or error}") from error
+        raise InputError(f"cannot read {runs_dir}: {reason_of(error)}") from error
     # Not Path.is_file, which raises an error where a directory is somebody else's.
     ids = [path.name for path in entries if os.path.isfile(path / RECORD_FILE)]  # noqa: PTH113
     found = [name] if name in ids else [run for run in ids if run.startswith(name)]

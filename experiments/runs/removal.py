@@ -10,6 +10,7 @@ from pathlib import Path
 from orchid_uav.experiments.errors import InputError, RunFailedError
 from orchid_uav.experiments.runs.lock import RunLock
 from orchid_uav.experiments.runs.records import RECORD_FILE, find_run, read_record, status_of
+from orchid_uav.notices import reason_of
 
 _HIDDEN = ".orchid-deleted-"
 """Beginning of the names of what is being removed, which no listing shows."""
@@ -106,9 +107,7 @@ def remove(removals: Iterable[Removal]) -> list[str]:
         try:
             _remove(removal)
         except OSError as error:
-            raise RunFailedError(
-                f"cannot delete {removal.path}: {error.strerror or error}"
-            ) from error
+            raise RunFailedError(f"cannot delete {removal.path}: {reason_of(error)}") from error
         deleted.append(removal.path.name)
     return deleted
 

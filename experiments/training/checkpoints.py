@@ -13,6 +13,7 @@ from safetensors.numpy import save
 from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.runs.records import CHECKPOINTS_FOLDER
 from orchid_uav.experiments.training.state import TrainingState
+from orchid_uav.notices import reason_of
 from orchid_uav.storage.files import json_bytes, read_sealed, sealed, sync_directory, sync_file
 from orchid_uav.storage.tensors import TensorSpec, read_tensors
 
@@ -149,7 +150,7 @@ class CheckpointStore:
                 for name, wanted in expected.items()
             }
         except OSError as error:
-            raise InputError(f"cannot read {directory}: {error.strerror or error}") from error
+            raise InputError(f"cannot read {directory}: {reason_of(error)}") from error
         except STATE_ERRORS as error:
             raise InputError(f"checkpoint {episode} is damaged: {error}") from error
         return TrainingState(document, tensors)

@@ -40,6 +40,7 @@ from orchid_uav.experiments.training.checkpoints import STATE_ERRORS, Checkpoint
 from orchid_uav.experiments.training.listeners import Reporter
 from orchid_uav.experiments.training.state import Training
 from orchid_uav.experiments.training.trackers import SafeTracker
+from orchid_uav.notices import in_one_line, kind_and_reason
 
 _LONGEST_REASON = 300
 _ESCAPE_CODE = re.compile(r"\x1b\[[0-9;]*m")  # numba colours its messages
@@ -144,7 +145,7 @@ def train(
 
 def _in_one_line(error: Exception) -> str:
     is_ours = isinstance(error, InputError | RunFailedError)  # whose message is for people
-    plain = _ESCAPE_CODE.sub("", str(error) if is_ours else f"{type(error).__name__}: {error}")
+    plain = _ESCAPE_CODE.sub("", in_one_line(error) if is_ours else kind_and_reason(error))
     text = " ".join(plain.split())
     return text if len(text) <= _LONGEST_REASON else text[:_LONGEST_REASON] + " ..."
 

@@ -21,6 +21,7 @@ from orchid_uav.experiments.errors import RunFailedError
 from orchid_uav.experiments.interruption import ignore_signals
 from orchid_uav.experiments.jobs.child_process import shortened
 from orchid_uav.experiments.training.listeners import Tracker
+from orchid_uav.notices import in_one_line
 
 _SECONDS_AT_THE_END = 5.0
 """A run waits so long for what its tracker has not exported yet."""
@@ -173,7 +174,7 @@ def main() -> int:
     try:
         _serve(*sys.argv[1:3])
     except Exception as error:
-        _report(error=" ".join(f"{error}".split()) or type(error).__name__)
+        _report(error=in_one_line(error))
         return 1
     return 0
 

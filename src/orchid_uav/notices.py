@@ -2,6 +2,7 @@
 
 It goes to the logger ``orchid_uav``: a program that uses the package decides what becomes of it,
 and Python itself shows warnings where none does. The command and its jobs show notes as well.
+How an exception reads in one line stands here, too.
 """
 
 import logging
@@ -47,3 +48,18 @@ def show_on_stderr(with_notes: bool = True) -> None:
     _LOGGER.setLevel(logging.INFO if with_notes else logging.WARNING)
     _LOGGER.propagate = False
     _LOGGER.addHandler(_STDERR)  # once, however often it is asked for
+
+
+def in_one_line(error: BaseException) -> str:
+    """What an exception says, in one line; its kind where it says nothing."""
+    return " ".join(str(error).split()) or type(error).__name__
+
+
+def reason_of(error: OSError) -> str:
+    """Why the system refused something, in its words alone."""
+    return error.strerror or in_one_line(error)
+
+
+def kind_and_reason(error: BaseException) -> str:
+    """The kind of an exception and what it says, in one line, for those nobody foresaw."""
+    return " ".join(f"{type(error).__name__}: {error}".split())
