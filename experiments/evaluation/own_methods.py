@@ -23,6 +23,7 @@ from orchid_uav.experiments.configuration import field_of
 from orchid_uav.experiments.errors import InputError, RunFailedError
 from orchid_uav.experiments.evaluation.method_keys import known_methods
 from orchid_uav.experiments.evaluation.methods import Contender, OwnFile, method_overrides
+from orchid_uav.notices import reason_of
 
 
 def read_own_methods(specifications: Sequence[str], taken: Collection[str] = ()) -> list[Contender]:
@@ -58,7 +59,7 @@ def _own_method(specification: str) -> Contender:
     try:
         source = path.read_bytes()
     except OSError as error:
-        raise InputError(f"--method {specification}: {error.strerror or error}: {path}") from error
+        raise InputError(f"--method {specification}: {reason_of(error)}: {path}") from error
     told = f"--method {specification}"
     with _Telling(InputError, told, path):
         module = _run(path.resolve(), source)
