@@ -88,9 +88,9 @@ def evaluate(
         list[str] | None,
         _option(
             _METHODS,
-            "A method of your own, run from this file; may be repeated.",
+            "A method of your own, FILE.py:CLASS; may be repeated.",
             "--method",
-            metavar="FILE.py:CLASS",
+            metavar="FILE:CLASS",
             show_default=False,
         ),
     ] = None,

@@ -6,7 +6,6 @@ import signal
 
 import pytest
 
-from orchid_uav.cli.progress import training as display
 from orchid_uav.envs.parameters import FORMER_KEYS, Parameters, with_current_keys
 from orchid_uav.experiments.ablation.design import Ablation
 from orchid_uav.experiments.ablation.study import AblationStudy
@@ -23,7 +22,9 @@ from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.evaluation.directory import describe_plan, read_interrupted
 from orchid_uav.experiments.evaluation.flights import Plan, Setting
 from orchid_uav.experiments.evaluation.methods import read_policy, rules
+from orchid_uav.experiments.training.listeners import Reporter
 from orchid_uav.storage.files import write_json
+from tests.helpers.damage import reseal
 from tests.helpers.processes import (
     TINY_FLAGS,
     assert_is_an_error,
@@ -31,7 +32,7 @@ from tests.helpers.processes import (
     record_of,
     tiny_config,
 )
-from tests.helpers.run_directories import make_run, reseal
+from tests.helpers.run_directories import make_run
 
 ONE = "[reward]\nshares = 'se'\n"
 BOTH = f"{ONE}[network]\nshares = 'pf'\n"
@@ -49,7 +50,7 @@ def write_as_formerly(run):
     former = as_formerly(json.loads((run / "config.json").read_text()))
     (run / "config.json").write_text(json.dumps(former))
     digest = hashlib.sha256((run / "config.json").read_bytes()).hexdigest()
-    reseal(run, config_sha256=digest)
+    reseal(run / "run.json", config_sha256=digest)
 
 
 def test_names_are_keys_of_today_and_of_no_key_twice():
@@ -143,7 +144,7 @@ class TestRuns:
         flags = [*TINY_FLAGS, "--shares=se", "--episodes=6", "--quiet", "--runs-dir", runs_dir]
         assert orchid("train", *flags).code == 0
         [whole] = new_runs()
-        show = display.SilentReporter.show
+        show = Reporter.show
 
         def show_and_interrupt(self, rows, reset_episodes):
             show(self, rows, reset_episodes)
@@ -151,7 +152,7 @@ class TestRuns:
                 signal.raise_signal(signal.SIGINT)
 
         with monkeypatch.context() as patch:
-            patch.setattr(display.SilentReporter, "show", show_and_interrupt)
+            patch.setattr(Reporter, "show", show_and_interrupt)
             assert orchid("train", *flags).code == 130
         [stopped] = set(new_runs()) - {whole}
         write_as_formerly(stopped)
@@ -173,7 +174,7 @@ class TestRuns:
 def test_an_interrupted_evaluation_of_the_first_version_goes_on(tmp_path):
     plan = Plan([rules()["static-mmf"]], [Setting()], 2, 0, Parameters())
     settings = describe_plan(plan, 3000)
-    former = json.loads(json.dumps(settings))
+    former = json.loads(json.dumps(settings.to_json()))
     former["world"] = as_formerly(former["world"])
     for method in former["methods"]:
         method["overrides"]["reward.shares"] = method["overrides"].pop("network.shares")

@@ -10,7 +10,8 @@ from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.evaluation import flights
 from orchid_uav.experiments.evaluation.methods import METHOD_KEYS, select
 from orchid_uav.experiments.evaluation.own_methods import read_own_methods
-from tests.helpers.processes import TINY_FLAGS, assert_is_an_error, reseal
+from tests.helpers.damage import reseal
+from tests.helpers.processes import TINY_FLAGS, assert_is_an_error
 
 RULE = """
 import numpy as np

@@ -8,8 +8,9 @@ from orchid_uav.experiments.provenance import describe_versions
 from orchid_uav.experiments.runs.directory import RunDirectory
 from orchid_uav.experiments.runs.records import read_config, read_record
 from orchid_uav.storage.documents import Document
+from tests.helpers.damage import reseal
 from tests.helpers.processes import record_of
-from tests.helpers.run_directories import make_run, reseal
+from tests.helpers.run_directories import make_run
 
 
 class Inner(Document):
@@ -59,7 +60,7 @@ class TestRecord:
     def test_what_a_later_version_knows_survives_a_resume(self, tmp_path):
         path = make_run(tmp_path, status="interrupted")
         before = record_of(path)
-        reseal(path, later={"a": [1, 2.5]}, final=before["final"] | {"later": 0.5})
+        reseal(path / "run.json", later={"a": [1, 2.5]}, final=before["final"] | {"later": 0.5})
         run = RunDirectory.reopen(path, read_config(path, read_record(path)), ["orchid"])
         run.give_up("interrupted", None)
         after = record_of(path)

@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -744,6 +744,9 @@ class TestNoCode:
         *("BaseAlgorithm.load", "policy.load", "model.load", "marshal.loads", "marshal.load"),
         *("pd.read_pickle", "eval", "exec", "runpy.run_path", "yaml.load", "shelve.open"),
     }
+    NAMED_BY_THE_USER: ClassVar = {"own_methods.py": {"exec"}}
+    """A file that the command line names is run; tests/experiments/test_own_methods.py sees that
+    nothing else is."""
     MODULES = {
         *("pickle", "_pickle", "cloudpickle", "dill", "joblib", "shelve", "marshal"),
         *("copyreg", "jsonpickle", "yaml", "runpy", "imp"),
@@ -757,7 +760,8 @@ class TestNoCode:
                 for node in ast.walk(ast.parse(path.read_text())):
                     names = []
                     if isinstance(node, ast.Call):
-                        assert ast.unparse(node.func) not in self.LOADERS, f"{path}:{node.lineno}"
+                        loaders = self.LOADERS - self.NAMED_BY_THE_USER.get(path.name, set())
+                        assert ast.unparse(node.func) not in loaders, f"{path}:{node.lineno}"
                         keywords = {keyword.arg for keyword in node.keywords}
                         assert "allow_pickle" not in keywords, f"{path}:{node.lineno}"
                     elif isinstance(node, ast.Import):
