@@ -112,13 +112,13 @@ def _move_users(constants: Constants, worlds: Worlds) -> None:
     if len(turning):
         _turn_users(constants, worlds, turning)
     wanted_m = worlds.user_velocities_mps * constants.slot_s
-    wanted_m += worlds.users_m
-    worlds.users_m[:] = reflect_into(wanted_m, constants.area_m)
+    wanted_m += worlds.user_coordinates_m
+    worlds.user_coordinates_m[:] = reflect_into(wanted_m, constants.area_m)
     worlds.user_velocities_mps[:] *= reflection_sign(wanted_m, constants.area_m)
 
 
 def _turn_users(constants: Constants, worlds: Worlds, turning: Integers) -> None:
-    users = worlds.users_m.shape[2]
+    users = worlds.user_coordinates_m.shape[2]
     draws = (worlds.slot[turning] // constants.heading_hold_slots).astype(np.uint64)
     counters = draws[:, None] * np.uint64(2 * users) + np.arange(2 * users, dtype=np.uint64)
     uniform = counter_uniform(worlds.walk_key[turning, None], counters)
@@ -129,12 +129,12 @@ def _turn_users(constants: Constants, worlds: Worlds, turning: Integers) -> None
 
 
 def _count_users(constants: Constants, worlds: Worlds) -> None:
-    cells = (worlds.users_m * (HISTOGRAM_CELLS / constants.area_m)).astype(np.int64)
+    cells = (worlds.user_coordinates_m * (HISTOGRAM_CELLS / constants.area_m)).astype(np.int64)
     np.minimum(cells, HISTOGRAM_CELLS - 1, out=cells)
     cell = cells[:, 0] * HISTOGRAM_CELLS + cells[:, 1]
     counts = _sum_by_bin(cell, HISTOGRAM_CELLS * HISTOGRAM_CELLS)
     first = worlds.observations[0].size
-    worlds.states[:, first : first + counts.shape[1]] = counts / worlds.users_m.shape[2]
+    worlds.states[:, first : first + counts.shape[1]] = counts / worlds.user_coordinates_m.shape[2]
 
 
 @lru_cache
@@ -150,9 +150,9 @@ def _sum_by_bin(bin_of: Integers, bins: int, weights: Floats | None = None) -> N
 
 
 def _serve(constants: Constants, worlds: Worlds, prune: bool) -> None:
-    ground_squared_m2 = worlds.users_m[:, None, 0] - worlds.positions_m[..., 0, None]
+    ground_squared_m2 = worlds.user_coordinates_m[:, None, 0] - worlds.positions_m[..., 0, None]
     ground_squared_m2 *= ground_squared_m2
-    along_y_m2 = worlds.users_m[:, None, 1] - worlds.positions_m[..., 1, None]
+    along_y_m2 = worlds.user_coordinates_m[:, None, 1] - worlds.positions_m[..., 1, None]
     along_y_m2 *= along_y_m2
     ground_squared_m2 += along_y_m2
     np.sqrt(ground_squared_m2.min(axis=2), out=worlds.nearest_user_m)
@@ -328,7 +328,7 @@ def _observe(constants: Constants, worlds: Worlds) -> None:
         worlds.transmit_powers_w, constants.min_transmit_power_w, constants.max_transmit_power_w
     )
     np.divide(worlds.nearest_user_m, constants.area_m, out=seen[..., 4], casting="same_kind")
-    seen[..., 5] = worlds.loads / worlds.users_m.shape[2]
+    seen[..., 5] = worlds.loads / worlds.user_coordinates_m.shape[2]
     seen[..., 6:10:2] = across
     seen[..., 7:10:2] = 1.0 - across
     seen[..., 10] = altitude

@@ -142,8 +142,9 @@ class Worlds(NamedTuple):
     """Slots flown in this episode, (B,)."""
     walk_key: NDArray[np.uint64]
     """Seed of the users' random walk in this episode, (B,)."""
-    users_m: Floats
-    """Horizontal user positions, (B, 2, M): x of all users, then y, so that they vectorise."""
+    user_coordinates_m: Floats
+    """Horizontal user positions, (B, 2, M): x of all users, then y, since loops over users that lie
+    one behind the other vectorise. :attr:`WorldBatch.users_m` is a view of them as (B, M, 2)."""
     user_velocities_mps: Floats
     """(B, 2, M)."""
     target_users: NDArray[np.bool_]
@@ -192,7 +193,7 @@ class Worlds(NamedTuple):
         return cls(
             slot=np.zeros(worlds, np.int64),
             walk_key=np.zeros(worlds, np.uint64),
-            users_m=np.zeros((worlds, 2, users)),
+            user_coordinates_m=np.zeros((worlds, 2, users)),
             user_velocities_mps=np.zeros((worlds, 2, users)),
             target_users=np.zeros(crowd, np.bool_),
             positions_m=np.zeros((*fleet, 3)),

@@ -20,13 +20,16 @@ from orchid_uav.envs.channel import (
 
 @njit(error_model="numpy")
 def measure_distances(
-    positions_m: Floats, users_m: Floats, distance_squared_m2: Floats, nearest_user_m: Floats
+    positions_m: Floats,
+    user_coordinates_m: Floats,
+    distance_squared_m2: Floats,
+    nearest_user_m: Floats,
 ) -> None:
     """Squared 3-D distance of every UAV and user, and each UAV's horizontally nearest user.
 
     Args:
         positions_m: UAVs, (N, 3).
-        users_m: x of all users, then y, (2, M).
+        user_coordinates_m: x of all users, then y, (2, M).
         distance_squared_m2: result, (N, M).
         nearest_user_m: result, (N,).
     """
@@ -35,7 +38,7 @@ def measure_distances(
         x_m, y_m, altitude_m = positions_m[uav]
         row = distance_squared_m2[uav]
         for user in range(users):
-            dx, dy = users_m[0, user] - x_m, users_m[1, user] - y_m
+            dx, dy = user_coordinates_m[0, user] - x_m, user_coordinates_m[1, user] - y_m
             row[user] = dx * dx + dy * dy
         nearest = np.inf
         for user in range(users):

@@ -277,6 +277,6 @@ def _link_efficiency(
 
 @njit(error_model="numpy")
 def _ground_distance_squared_m2(worlds: Worlds, world: int, uav: int, user: int) -> float:
-    dx = worlds.users_m[world, 0, user] - worlds.positions_m[world, uav, 0]
-    dy = worlds.users_m[world, 1, user] - worlds.positions_m[world, uav, 1]
+    dx = worlds.user_coordinates_m[world, 0, user] - worlds.positions_m[world, uav, 0]
+    dy = worlds.user_coordinates_m[world, 1, user] - worlds.positions_m[world, uav, 1]
     return dx * dx + dy * dy

@@ -122,7 +122,7 @@ def begin_episodes(
 
 @njit(error_model="numpy")
 def _make_scratch(worlds: Worlds) -> Scratch:
-    users = worlds.users_m.shape[2]
+    users = worlds.user_coordinates_m.shape[2]
     uavs = worlds.positions_m.shape[1]
     return np.empty((uavs, users)), np.empty(users), np.empty(users)
 
@@ -166,7 +166,7 @@ def _move_uavs(constants: Constants, worlds: Worlds, world: int, actions: Floats
 @njit(error_model="numpy")
 def _move_users(constants: Constants, worlds: Worlds, world: int) -> None:
     """Random walk with reflection; speed and heading are held for some slots (M16)."""
-    users = worlds.users_m.shape[2]
+    users = worlds.user_coordinates_m.shape[2]
     slot = worlds.slot[world]
     velocities = worlds.user_velocities_mps[world]
     if slot % constants.heading_hold_slots == 0:
@@ -180,22 +180,27 @@ def _move_users(constants: Constants, worlds: Worlds, world: int) -> None:
             velocities[1, user] = speed_mps * np.sin(heading)
     for axis in range(2):
         for user in range(users):
-            wanted_m = worlds.users_m[world, axis, user] + velocities[axis, user] * constants.slot_s
-            worlds.users_m[world, axis, user] = reflect_into(wanted_m, constants.area_m)
+            wanted_m = (
+                worlds.user_coordinates_m[world, axis, user]
+                + velocities[axis, user] * constants.slot_s
+            )
+            worlds.user_coordinates_m[world, axis, user] = reflect_into(wanted_m, constants.area_m)
             velocities[axis, user] *= reflection_sign(wanted_m, constants.area_m)
 
 
 @njit(error_model="numpy")
 def _count_users(constants: Constants, worlds: Worlds, world: int) -> None:
     """u_dist: the users' histogram, normalised to sum 1, into its place in the state (M19)."""
-    uavs, users = worlds.positions_m.shape[1], worlds.users_m.shape[2]
+    uavs, users = worlds.positions_m.shape[1], worlds.user_coordinates_m.shape[2]
     first = uavs * worlds.observations.shape[2]
     histogram = worlds.states[world, first : first + HISTOGRAM_CELLS * HISTOGRAM_CELLS]
     histogram[:] = 0.0
     cells_per_m = HISTOGRAM_CELLS / constants.area_m
     for user in range(users):
-        column = min(int(worlds.users_m[world, 0, user] * cells_per_m), HISTOGRAM_CELLS - 1)
-        row = min(int(worlds.users_m[world, 1, user] * cells_per_m), HISTOGRAM_CELLS - 1)
+        column = min(
+            int(worlds.user_coordinates_m[world, 0, user] * cells_per_m), HISTOGRAM_CELLS - 1
+        )
+        row = min(int(worlds.user_coordinates_m[world, 1, user] * cells_per_m), HISTOGRAM_CELLS - 1)
         histogram[column * HISTOGRAM_CELLS + row] += 1.0
     histogram /= users
 
@@ -216,7 +221,7 @@ def _serve(
     association[:], efficiencies[:], rates_bps[:], loads[:] = -1, 0.0, 0.0, 0
     measure_distances(
         worlds.positions_m[world],
-        worlds.users_m[world],
+        worlds.user_coordinates_m[world],
         distance_squared_m2,
         worlds.nearest_user_m[world],
     )
@@ -293,7 +298,7 @@ def _watch_constraints(constants: Constants, worlds: Worlds, world: int) -> None
 def _score(constants: Constants, worlds: Worlds, world: int, progress: float) -> None:
     """Metrics of the slot and every UAV's reward (Section IV-C3, V-B; decisions M7 to M14)."""
     uavs = worlds.positions_m.shape[1]
-    users = worlds.users_m.shape[2]
+    users = worlds.user_coordinates_m.shape[2]
     target_count, served_count = 0, 0
     sum_rate, sum_rate_squared, worst_rate, log_utility = 0.0, 0.0, np.inf, 0.0
     for user in range(users):
@@ -371,7 +376,7 @@ def _propulsion_power_w(constants: Constants, velocity: Floats) -> float:
 def _observe(constants: Constants, worlds: Worlds, world: int) -> None:
     """Every UAV's observation, and the state but for u_dist (M18, M19)."""
     area_m = constants.area_m
-    uavs, users = worlds.positions_m.shape[1], worlds.users_m.shape[2]
+    uavs, users = worlds.positions_m.shape[1], worlds.user_coordinates_m.shape[2]
     past_slots = max(worlds.slot[world], 1)
     for uav in range(uavs):
         x_m, y_m, z_m = worlds.positions_m[world, uav]

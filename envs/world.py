@@ -177,7 +177,7 @@ class WorldBatch:
         """Begin an episode on given topologies, one for each of the given worlds, or of all."""
         chosen = np.arange(self.world_count) if worlds is None else np.asarray(worlds, np.int64)
         arrays, uav, area_m = self.arrays, self.parameters.uav, self.parameters.network.area_m
-        arrays.users_m[chosen] = topologies.users_m.transpose(0, 2, 1)
+        self.users_m[chosen] = topologies.users_m
         arrays.target_users[chosen] = topologies.target_users
         # A centroid of users at the border may lie beyond it by a rounding error.
         arrays.positions_m[chosen, :, :2] = np.clip(topologies.start_m, 0.0, area_m)
@@ -329,7 +329,15 @@ class WorldBatch:
             array[...] = arrays[name]
 
     def _stored(self) -> dict[str, NDArray[Any]]:
-        return self.arrays._asdict() | {"shadowing_db": self._shadowing_db}
+        # Checkpoints know the users' coordinates by the name that they had in the first version.
+        former = {"user_coordinates_m": "users_m"}
+        arrays = {former.get(name, name): array for name, array in self.arrays._asdict().items()}
+        return arrays | {"shadowing_db": self._shadowing_db}
+
+    @property
+    def users_m(self) -> NDArray[np.float64]:
+        """Horizontal user positions, (B, M, 2): a view of ``arrays.user_coordinates_m``."""
+        return self.arrays.user_coordinates_m.transpose(0, 2, 1)
 
     @property
     def finished(self) -> NDArray[np.bool_]:
@@ -354,7 +362,9 @@ class WorldBatch:
         The GBS's bandwidth is shared equally by those of its users that reach the required SNR.
         """
         gbs, radio = self.parameters.gbs, self.parameters.channel
-        horizontal_m = self.arrays.users_m - np.array(self.parameters.gbs_position_m[:2])[:, None]
+        horizontal_m = (
+            self.arrays.user_coordinates_m - np.array(self.parameters.gbs_position_m[:2])[:, None]
+        )
         distance_m = np.sqrt((horizontal_m**2).sum(axis=1) + gbs.height_m**2)
         loss_db = channel.ground_path_loss_db(
             distance_m, radio.carrier_frequency_hz, gbs.path_loss_exponent, self._shadowing_db
@@ -378,7 +388,7 @@ class WorldBatch:
         """
         arrays = self.arrays
         return {
-            "users_m": arrays.users_m[world].T.copy(),
+            "users_m": self.users_m[world].copy(),
             "target_users": arrays.target_users[world].copy(),
             "uav_positions_m": arrays.positions_m[world].copy(),
             "uav_velocities_mps": arrays.velocities_mps[world].copy(),

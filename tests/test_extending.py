@@ -102,7 +102,7 @@ def test_own_observations_and_terms_are_what_the_worlds_show(example):
     world = env.world
     assert (rows[:, :16] == world.arrays.observations[0]).all()
     for uav in range(3):
-        mine = world.arrays.users_m[0][:, world.arrays.association[0] == uav]
+        mine = world.arrays.user_coordinates_m[0][:, world.arrays.association[0] == uav]
         way_m = mine.mean(axis=1) - world.arrays.positions_m[0, uav, :2] if mine.size else 0.0
         area_m = world.parameters.network.area_m
         assert rows[uav, 16:] * area_m == pytest.approx(way_m, abs=0.01)

@@ -117,7 +117,7 @@ def candidate_starts(
     world: WorldBatch, index: int, restarts: int, seed: int, keeps_targets: bool = True
 ) -> tuple[Floats, NDArray[np.bool_]]:
     """Starts (1 + restarts, N, 2) in m of one world, its own first, and target users with each."""
-    users_m = world.arrays.users_m[index].T
+    users_m = world.users_m[index]
     targets = world.arrays.target_users[index]
     starts_m = [world.arrays.positions_m[index, :, :2].copy()]
     target_sets = [targets.copy()]
@@ -157,7 +157,7 @@ def repeat_topology(world: WorldBatch, index: int, count: int) -> Topologies:
     """The present users and UAV positions of one world, ``count`` times."""
     arrays = world.arrays
     return Topologies(
-        users_m=np.repeat(arrays.users_m[index].T[None], count, axis=0),
+        users_m=np.repeat(world.users_m[index][None], count, axis=0),
         target_users=np.repeat(arrays.target_users[index][None], count, axis=0),
         start_m=np.repeat(arrays.positions_m[index, :, :2][None], count, axis=0),
         shadowing_db=np.zeros((count, world.user_count)),
@@ -193,7 +193,7 @@ class Track(Loiter):
             targets = world.arrays.target_users[index]
             if targets.sum() < world.uav_count:
                 continue
-            users_m = world.arrays.users_m[index].T[targets]
+            users_m = world.users_m[index][targets]
             centres_m = kmeans_centroids(users_m, world.uav_count, start_m=self.centres_m[index])
             positions_m = world.arrays.positions_m[index, :, :2]
             distances_m = np.linalg.norm(positions_m[:, None] - centres_m[None], axis=-1)

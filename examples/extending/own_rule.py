@@ -25,6 +25,6 @@ class FollowServed:
         arrays = world.arrays
         serves = arrays.association[:, None, :] == np.arange(world.uav_count)[:, None]  # (B, N, M)
         users = serves.sum(axis=2)[..., None]
-        middle_m = np.einsum("bnm,bam->bna", serves, arrays.users_m) / np.maximum(users, 1)
+        middle_m = np.einsum("bnm,bma->bna", serves, world.users_m) / np.maximum(users, 1)
         move_m = np.where(users > 0, middle_m - arrays.positions_m[..., :2], 0.0)
         return act_towards(world, move_m, power_change=1.0)

@@ -134,7 +134,9 @@ class TestTopologies:
             world.use_topology(topologies)
         assert_same(contents(used), contents(fresh))
         arrays = used.arrays
-        np.testing.assert_array_equal(arrays.users_m, topologies.users_m.transpose(0, 2, 1))
+        np.testing.assert_array_equal(
+            arrays.user_coordinates_m, topologies.users_m.transpose(0, 2, 1)
+        )
         np.testing.assert_array_equal(arrays.positions_m[..., :2], topologies.start_m)
         assert (arrays.positions_m[..., 2] == 100.0).all()
         np.testing.assert_allclose(arrays.transmit_powers_w, 0.15)
@@ -485,7 +487,7 @@ class TestBalancedLoiter:
         assert moved.any()
         for index in np.flatnonzero(moved):
             targets = world.arrays.target_users[index]
-            users_m = world.arrays.users_m[index].T[targets]
+            users_m = world.users_m[index][targets]
             centres_m = world.arrays.positions_m[index, :, :2]
             nearest = np.linalg.norm(users_m[:, None] - centres_m, axis=-1).argmin(axis=1)
             for uav in range(6):
@@ -500,7 +502,7 @@ class TestBalancedLoiter:
         changed = (world.arrays.target_users != targets).any(axis=1)
         assert changed.any()
         for index in range(6):
-            users_m = world.arrays.users_m[index].T
+            users_m = world.users_m[index]
             gbs_users_m = users_m[~world.arrays.target_users[index]]
             centroid_m = gbs_users_m.mean(axis=0)
             gbs_distance_m = np.linalg.norm(centroid_m - 1000.0)
@@ -568,7 +570,7 @@ class TestBalancedLoiter:
         overrides = {"hotspot_count": hotspots, "scatter_std_m": 0.0, "user_count": 12}
         world = WorldBatch(Parameters().with_overrides(overrides), worlds=40, seed=range(40))
         world.reset()
-        places_m = world.arrays.users_m.transpose(0, 2, 1)[:, None]
+        places_m = world.users_m[:, None]
         for _ in range(2):
             starts_m = world.arrays.positions_m[:, :, None, :2]
             assert np.linalg.norm(starts_m - places_m, axis=-1).min(axis=2).max() < 1e-6
@@ -614,7 +616,7 @@ class TestTrack:
         }
         assert costs[0, 1, 2, 3] == pytest.approx(min(costs.values()))
         # The centres are those of K-Means: each the mean of the target users nearest to it.
-        targets_m = world.arrays.users_m[0].T[world.arrays.target_users[0]]
+        targets_m = world.users_m[0][world.arrays.target_users[0]]
         nearest = np.linalg.norm(targets_m[:, None] - centres_m, axis=-1).argmin(axis=1)
         for uav in range(4):
             mean_m = targets_m[nearest == uav].mean(axis=0)
@@ -657,7 +659,7 @@ class TestTrack:
             distances_m = []
             for _ in range(120):
                 world.step(method.act(world))
-                users_m = world.arrays.users_m.transpose(0, 2, 1)
+                users_m = world.users_m
                 relative_m = users_m[:, :, None] - world.arrays.positions_m[:, None, :, :2]
                 nearest_m = np.linalg.norm(relative_m, axis=-1).min(axis=-1)
                 distances_m.append(np.average(nearest_m, axis=1, weights=world.arrays.target_users))
