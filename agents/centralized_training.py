@@ -65,11 +65,6 @@ class CentralizedTraining(BaseAlgorithm):
         scale = self.learning_rate_scale * self.scheduled_rate_scale
         return self.lr_schedule(progress) * scale, self.critic_lr_schedule(progress) * scale
 
-    @property
-    def optimizers(self) -> list[torch.optim.Optimizer]:
-        """All optimizers; Reset-and-Finetune clears their states."""
-        return [self.policy.optimizer]
-
     def _update_learning_rate(
         self, optimizers: list[torch.optim.Optimizer] | torch.optim.Optimizer
     ) -> None:

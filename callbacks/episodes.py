@@ -3,11 +3,10 @@
 from collections.abc import Mapping
 from typing import Any, Protocol, cast
 
-import torch
 from stable_baselines3.common.callbacks import BaseCallback
 
 Episode = dict[str, float]
-"""Metrics of one episode, by the names of ``orchid_uav.envs.EPISODE_METRICS``."""
+"""Metrics of one episode by their names: ``orchid_uav.envs.EPISODE_METRICS``, or ``Monitor``'s."""
 
 
 class Learner(Protocol):
@@ -20,10 +19,6 @@ class Learner(Protocol):
     @property
     def learning_rates(self) -> tuple[float, float]:
         """The actor's and the critic's learning rates in force."""
-
-    @property
-    def optimizers(self) -> list[torch.optim.Optimizer]:
-        """All optimizers."""
 
 
 class EpisodeCallback(BaseCallback):
@@ -62,11 +57,8 @@ class EpisodeCallback(BaseCallback):
         if dones.any():
             infos: list[dict[str, Any]] = self.locals["infos"]
             rows_per_episode = getattr(self.model, "agents_per_world", 1)
-            self._finished += [
-                info["episode_metrics"]
-                for info in infos[::rows_per_episode]
-                if "episode_metrics" in info
-            ]
+            ended = [_metrics_of(info) for info in infos[::rows_per_episode]]
+            self._finished += [metrics for metrics in ended if metrics]
         return True
 
     def _on_rollout_start(self) -> None:
@@ -80,3 +72,8 @@ class EpisodeCallback(BaseCallback):
             episodes, self._finished = self._finished, []
             self._on_episodes(episodes)
             self.episodes_done += len(episodes)
+
+
+def _metrics_of(info: Mapping[str, Any]) -> Episode:
+    """What ``Monitor`` and this project's environments tell of an episode that has just ended."""
+    return {**info.get("episode", {}), **info.get("episode_metrics", {})}

@@ -321,10 +321,10 @@ def replayed_trigger(logs: Sequence[Sequence[Row]]) -> list[TriggerReplay]:
 
 
 def _first_firing(rows: Sequence[Row], window: int, tolerance: float) -> int | None:
-    jfi = [row["rate_jfi"] for row in rows]
-    reward = [row["reward"] for row in rows]
+    tolerances = {"rate_jfi": tolerance, REWARD: tolerance}
+    series = {name: [row[name] for row in rows] for name in tolerances}
     for episode in range(2 * window, len(rows) + 1):
-        windows = slice(episode - 2 * window, episode)
-        if has_plateaued(jfi[windows], reward[windows], window, tolerance, tolerance):
+        seen = {name: values[:episode] for name, values in series.items()}
+        if has_plateaued(seen, window, tolerances):
             return episode
     return None

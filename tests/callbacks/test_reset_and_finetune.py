@@ -13,12 +13,17 @@ from orchid_uav.callbacks import (
     ProgressSchedules,
     ResetAndFinetune,
 )
+from orchid_uav.callbacks.learning_rates import optimizers_of
 from orchid_uav.callbacks.reset_and_finetune import has_plateaued, relative_change, reset_optimizer
 from tests.helpers.learners import MADDPG_NETWORKS, small_maddpg, small_model
 
 FLAT = [1.0] * 20
 RISING = [1.0] * 10 + [1.2] * 10
-SETTINGS = {"window": 10, "tolerance_jfi": 0.05, "tolerance_reward": 0.05}
+
+
+def plateaued(jfi, reward, window=10, tolerance=0.05) -> bool:
+    series = {"rate_jfi": jfi, "reward": reward}
+    return has_plateaued(series, window, dict.fromkeys(series, tolerance))
 
 
 class TestTrigger:
@@ -33,11 +38,11 @@ class TestTrigger:
         ids=["both plateau", "only J", "only U", "neither"],
     )
     def test_fires_only_if_both_plateau(self, jfi, reward, fires):
-        assert has_plateaued(jfi, reward, **SETTINGS) is fires
+        assert plateaued(jfi, reward) is fires
 
     def test_needs_two_full_windows(self):
-        assert not has_plateaued(FLAT[:19], FLAT[:19], **SETTINGS)
-        assert has_plateaued(FLAT, FLAT, **SETTINGS)
+        assert not plateaued(FLAT[:19], FLAT[:19])
+        assert plateaued(FLAT, FLAT)
 
     @pytest.mark.parametrize(
         ("before", "after", "expected"),
@@ -54,12 +59,11 @@ class TestTrigger:
         assert relative_change([before] * 3 + [after] * 3, 3) == pytest.approx(expected)
 
     def test_only_the_two_last_windows_count(self):
-        assert has_plateaued([9.0] * 50 + FLAT, [-5.0] * 50 + FLAT, **SETTINGS)
+        assert plateaued([9.0] * 50 + FLAT, [-5.0] * 50 + FLAT)
 
     def test_the_tolerance_itself_is_no_plateau(self):
         edge = [1.0] * 10 + [1.5] * 10
-        loose = {"window": 10, "tolerance_jfi": 0.5, "tolerance_reward": 0.5}
-        assert not has_plateaued(edge, edge, **loose)
+        assert not plateaued(edge, edge, tolerance=0.5)
 
     @given(
         st.lists(st.floats(-1e6, 1e6), min_size=8, max_size=8),
@@ -203,7 +207,7 @@ class Adam(EpisodeCallback):
         self.states: list[list[torch.Tensor]] = []
 
     def _on_episodes(self, episodes) -> None:
-        [optimizer] = self.learner.optimizers
+        [optimizer] = optimizers_of(self.model)
         self.states.append(
             [
                 tensor.clone()
