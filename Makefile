@@ -50,6 +50,7 @@ reference: install  ## train the released policies anew, into runs/reference; ab
 studies: install  ## fly the evaluations that the documentation shows; about an hour
 	$(BIN)/python -m studies.evaluations
 	$(BIN)/python -m studies.deployment
+	$(BIN)/python -m studies.pendulum
 
 ablation: install  ## ten seeds with and without Reset-and-Finetune, compared; about 1.4 hours of one core
 	$(BIN)/python -m studies.ablations

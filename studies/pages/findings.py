@@ -147,6 +147,10 @@ FINDING_BLOCKS = {
         ROOT / "docs" / "quickstart.md",
         lambda: example_block("read_evaluation.py"),
     ),
+    "reset_any_model.py": (
+        ROOT / "docs" / "reset_and_finetune.md",
+        lambda: example_block("reset_any_model.py"),
+    ),
     **{
         name: (ROOT / "docs" / "extending.md", partial(example_block, name))
         for name in (

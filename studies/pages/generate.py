@@ -16,6 +16,7 @@ from studies.pages.ablation import ABLATION_BLOCKS, draw_ablations
 from studies.pages.deployment import draw_deployment
 from studies.pages.evaluation import BLOCKS, draw_studies, record_sources
 from studies.pages.findings import FINDING_BLOCKS
+from studies.pages.pendulum import PENDULUM_BLOCKS, draw_pendulum
 from studies.pages.validation import VALIDATION_BLOCKS, draw_validation
 
 ROOT = Path(__file__).parents[2]
@@ -103,7 +104,7 @@ def pages() -> dict[Path, str]:
         ROOT / "docs" / "configuration.md": configuration_page(),
         ROOT / "docs" / "performance.md": render(),
     }
-    blocks = {**BLOCKS, **ABLATION_BLOCKS, **VALIDATION_BLOCKS, **FINDING_BLOCKS}
+    blocks = {**BLOCKS, **ABLATION_BLOCKS, **VALIDATION_BLOCKS, **FINDING_BLOCKS, **PENDULUM_BLOCKS}
     for name, (path, content) in blocks.items():
         text = texts.get(path) or path.read_text(encoding="utf-8")
         texts[path] = replace_block(text, name, content())
@@ -115,7 +116,13 @@ def main() -> None:
     for path, text in pages().items():
         path.write_text(text, encoding="utf-8")
         print(f"wrote {path.relative_to(ROOT)}")
-    drawn = [draw_deployment(), *draw_studies(), *draw_ablations(), *draw_validation()]
+    drawn = [
+        draw_deployment(),
+        *draw_studies(),
+        *draw_ablations(),
+        *draw_validation(),
+        draw_pendulum(),
+    ]
     for path in [*drawn, record_sources()]:
         print(f"wrote {path.relative_to(ROOT)}")
 
