@@ -1,7 +1,7 @@
 """Reset-and-Finetune on a stock algorithm: ``python examples/reset_any_model.py``, a minute.
 
-Stable-Baselines3's PPO swings up Gymnasium's pendulum. Once the return has changed by less than 10 %
-from one window of 50 episodes to the next, PPO's optimizer is cleared and its learning rate halved.
+Stable-Baselines3's PPO swings up Gymnasium's pendulum. Once the return changes by less than 10 %
+from one window of 60 episodes to the next, PPO's optimizer is cleared and its learning rate halved.
 """
 
 from stable_baselines3 import PPO
@@ -31,15 +31,16 @@ class Returns(BaseCallback):
 def train(episodes: int = 480, reset: ResetAndFinetune | None = None, seed: int = 0) -> Returns:
     """Train on four pendulums, with or without the callback."""
     env = make_vec_env("Pendulum-v1", n_envs=4, seed=seed)  # which puts a Monitor around each
-    settings = {"n_steps": 1000, "batch_size": 100, "gamma": 0.9, "use_sde": True}
-    model = PPO("MlpPolicy", env, learning_rate=1e-3, seed=seed, device="cpu", **settings)
+    noise = {"use_sde": True, "sde_sample_freq": 4}
+    settings = {"learning_rate": 1e-3, "n_steps": 1000, "batch_size": 80, "gamma": 0.9}
+    model = PPO("MlpPolicy", env, seed=seed, device="cpu", **settings, **noise)
     seen = Returns()
     model.learn(episodes * 200, callback=[seen] if reset is None else [reset, seen])
     return seen
 
 
 if __name__ == "__main__":
-    callback = ResetAndFinetune(window=50, tolerances={"r": 0.1}, kappa=0.5)
+    callback = ResetAndFinetune(window=60, tolerances={"r": 0.1}, kappa=0.5)
     seen = train(reset=callback)
     for first in range(0, len(seen.returns), 40):
         mean = sum(seen.returns[first : first + 40]) / 40

@@ -14,7 +14,7 @@ from orchid_uav.callbacks import ResetAndFinetune
 from studies.recording import RESULTS, add_allow_changes, record, require_commit, write_result
 
 RESULT = RESULTS / "pendulum.json"
-SETTINGS = {"window": 50, "tolerances": {"r": 0.1}, "kappa": 0.5}
+SETTINGS = {"window": 60, "tolerances": {"r": 0.1}, "kappa": 0.5}
 """As the example has them."""
 
 

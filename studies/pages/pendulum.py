@@ -21,10 +21,10 @@ def pendulum_block() -> str:
     episodes = ", ".join(map(str, document["reset_episodes"]))
     return (
         f"![Returns of PPO on the pendulum, and its learning rate](figures/{PICTURE.name})\n\n"
-        f"Trailing means of {_TRAILING} episodes; until the reset, whose plateau was seen after "
-        f"episode {episodes}, both trainings are the same. Mean return of the last {_LAST} "
-        f"episodes: {means['with_reset']:.0f} with the reset, {means['without']:.0f} without. One "
-        "seed each: this shows what the callback does, not whether it helps.\n"
+        f"Trailing means of {_TRAILING} episodes. The plateau was seen after episode {episodes}; "
+        f"until then\nboth trainings are the same. Mean return of the last {_LAST} episodes: "
+        f"{means['with_reset']:.0f} with the reset,\n{means['without']:.0f} without. One seed: "
+        "this shows what the callback does, not whether it helps.\n\n"
         f"{recorded(document)}, `{document['command']}` → `studies/results/{NAME}.json`."
     )
 
@@ -55,7 +55,7 @@ def draw_pendulum() -> Path:
         returns.set_ylabel("return")
         returns.legend(loc="lower right")
         rates.set_ylabel("learning rate")
-        rates.set_ylim(bottom=0.0)
+        rates.set_ylim(0.0, 1.15 * max(document["without"]["learning_rates"]))
         rates.set_xlabel("training episode (dotted: plateau seen)")
         figure.savefig(PICTURE)
     return PICTURE
