@@ -6,6 +6,7 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
+from examples.reset_any_model import train
 from gymnasium import spaces
 from sb3_contrib import ARS, QRDQN, TQC, TRPO, RecurrentPPO
 from stable_baselines3 import A2C, DDPG, DQN, PPO, SAC, TD3
@@ -225,3 +226,11 @@ def test_weights_are_kept_bit_for_bit():
     assert callback.reset_episodes == [2]
     assert torch.equal(weights[4], weights[5])
     assert not torch.equal(weights[2], weights[4])
+
+
+def test_the_example_of_the_documentation_learns_and_is_reset():
+    callback = ResetAndFinetune(window=10, tolerances={"r": 1e9})
+    seen = train(40, callback)
+    assert callback.reset_episodes == [20]
+    assert seen.learning_rates == [1e-3] * 20 + [5e-4] * 20
+    assert len(seen.returns) == 40 and max(seen.returns) < 0.0
