@@ -149,7 +149,7 @@ class CentralizedTraining(BaseAlgorithm):
     def restore_training_state(
         self, document: Mapping[str, Any], tensors: Mapping[str, Tensors]
     ) -> None:
-        """Be as the learner was that :meth:`training_state` was asked of."""
+        """Take over a state that :meth:`training_state` gave."""
         for name, kind in _COUNTERS.items():
             if name in document:
                 setattr(self, name, kind(document[name]))

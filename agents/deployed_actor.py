@@ -37,7 +37,7 @@ class PolicyDescription(Document):
     layer_sizes: Annotated[
         list[Annotated[int, Field(gt=0, le=65536)]], Field(min_length=2, max_length=_MOST_LAYERS)
     ]
-    """Of the observation, of every layer in between, of the actions."""
+    """Sizes of the observation, of every hidden layer, and of the actions."""
     hidden_activation: Literal["relu"]
     output_activation: Literal["tanh"]
     run: str | None = None
@@ -47,7 +47,7 @@ class PolicyDescription(Document):
     observation: str | None = None
     episodes: int | None = None
     sha256: str
-    """Of the file of weights."""
+    """Checksum of the file of weights."""
 
     @model_validator(mode="after")
     def _check_size(self) -> Self:
@@ -178,7 +178,7 @@ def load_policy(path: str | Path) -> LocalActor:
 
 
 def _largest_output(layers: Sequence[tuple[Floats, Floats]]) -> float:
-    """What nothing within the network can exceed, in whatever order its sums are taken."""
+    """An upper bound of every number inside the network, in whatever order sums are taken."""
     bound = _LARGEST_OBSERVATION
     for weight, bias in layers:
         bound = float((np.abs(weight).sum(axis=1, dtype=float) * bound + np.abs(bias)).max())

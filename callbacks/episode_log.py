@@ -1,4 +1,4 @@
-"""One row of metrics per episode, for whoever wants them."""
+"""One row of metrics per episode, handed to a sink."""
 
 from collections.abc import Callable, Sequence
 

@@ -45,11 +45,11 @@ class EpisodeCallback(BaseCallback):
         raise NotImplementedError
 
     def state(self) -> dict[str, Any]:
-        """What it remembers between two updates, as JSON."""
+        """What the callback remembers between two updates, as JSON."""
         return {"episodes_done": self.episodes_done}
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Be as the callback that :meth:`state` was asked of."""
+        """Take over a state that :meth:`state` gave."""
         self.episodes_done = int(state["episodes_done"])
 
     def _on_step(self) -> bool:

@@ -51,7 +51,7 @@ class ScaledSchedule:
 
 
 def set_rate_scale(model: BaseAlgorithm, scale: float) -> None:
-    """Have a model learn at its own learning rates times a factor, from its next update on.
+    """Multiply a model's learning rates by a factor, from its next update on.
 
     Models of this project have a factor of their own, which their checkpoints keep. That of any
     other model is lost when it is saved and loaded: whoever set it has to set it again.

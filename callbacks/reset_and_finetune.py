@@ -122,7 +122,7 @@ class ResetAndFinetune(EpisodeCallback):
         return super().state() | {"windows": self._windows, "reset_episodes": self.reset_episodes}
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Take over a state; that of another callback has other metrics and is an error.
+        """Take over a state that :meth:`state` gave.
 
         Raises:
             KeyError: the state has not the metrics that are watched.

@@ -143,8 +143,8 @@ class Worlds(NamedTuple):
     walk_key: NDArray[np.uint64]
     """Seed of the users' random walk in this episode, (B,)."""
     user_coordinates_m: Floats
-    """Horizontal user positions, (B, 2, M): x of all users, then y, since loops over users that lie
-    one behind the other vectorise. :attr:`WorldBatch.users_m` is a view of them as (B, M, 2)."""
+    """Horizontal user positions, (B, 2, M): x of all users, then y, in which order loops over users
+    vectorise. :attr:`WorldBatch.users_m` is a view of them as (B, M, 2)."""
     user_velocities_mps: Floats
     """(B, 2, M)."""
     target_users: NDArray[np.bool_]
@@ -170,7 +170,7 @@ class Worlds(NamedTuple):
     association: NDArray[np.int64]
     """UAV that serves each user, -1 if none, (B, M)."""
     spectral_efficiency: Floats
-    """Of each user's link to its UAV in bit/s/Hz, 0 if not served, (B, M)."""
+    """Spectral efficiency of each user's link to its UAV in bit/s/Hz, 0 if not served, (B, M)."""
     loads: NDArray[np.int64]
     """Users served by each UAV, K_n, (B, N)."""
     rates_bps: Floats

@@ -80,8 +80,9 @@ def find_strongest(
         own_path_loss_db: used instead of ``air_to_ground_path_loss_db``, for every link.
     """
     uavs, users = distance_squared_m2.shape
+    # First pass: the nearest UAV of each user, the strongest of most. It computes no link.
     near_distance_squared, near_altitude_squared = np.empty(users), np.empty(users)
-    nearness = strongest_power_w  # done with before powers are written
+    nearness = strongest_power_w  # the same memory: it is not needed any more once powers come
     nearness[:] = -1.0
     for uav in range(uavs):
         row, power_w, index = distance_squared_m2[uav], powers_w[uav], float(uav)
@@ -95,6 +96,7 @@ def find_strongest(
             near_altitude_squared[user] = (
                 altitude_squared if is_nearer else near_altitude_squared[user]
             )
+    # Second pass: what it is received with. Infinity lets no UAV be stronger for other users.
     for user in range(users):
         strongest_power_w[user] = np.inf
         if target_users[user]:
@@ -108,6 +110,10 @@ def find_strongest(
                 own_path_loss_db,
             )
 
+    # Third pass: the other UAVs, but only links that can be stronger. The loss grows with distance
+    # and falls with elevation, so a farther UAV has to be seen higher (the sine of the elevation is
+    # altitude over distance, compared in squares and without division), and it has to be stronger
+    # with a certain line of sight, which no link exceeds.
     evaluates_all = own_path_loss_db is not None or not LOSS_ALLOWS_PRUNING
     may_be_stronger = np.empty(users, np.bool_)
     for uav in range(uavs):

@@ -218,7 +218,7 @@ class _Cache(FunctionCache):
 
 
 class _OwnCache(_Cache):
-    """Of a function specialised for one of the user's own, under that one's key.
+    """The cache of a function that was specialised for a function of the user's, under its key.
 
     numba's key would hold the function itself, which is another one in every process.
     """
@@ -232,22 +232,22 @@ class _OwnCache(_Cache):
 
 
 class _Unkept(NullCache):
-    """Of a function specialised for one of the user's own that may change unseen."""
+    """The cache of a function specialised for one that may change unseen: it keeps nothing."""
 
     def load_overload(self, sig: Any, target_context: Any) -> None:
-        """Nothing is kept."""
+        """Say that the code has to be compiled at every start."""
         _announce("at every start, as the given function reads what cannot be told from its code")
 
 
 class _NoCache(NullCache):
-    """Of a function for which there is no place on disk."""
+    """The cache of a function for which there is no place on disk."""
 
     def __init__(self, function: Callable[..., None]) -> None:
         beside = Path(function.__code__.co_filename).parent / "__pycache__"
         self._refused = config.CACHE_DIR or str(beside)
 
     def load_overload(self, sig: Any, target_context: Any) -> None:
-        """Nothing is there, and nothing will be."""
+        """Say that the code has to be compiled at every start."""
         _warn_of_no_cache(self._refused, "it cannot be written")
         _announce("at every start")
 

@@ -129,7 +129,7 @@ def _settle(
 
 @cache
 def _openmp() -> ThreadpoolController:
-    """Of scikit-learn's threads: on so few points they cost time, and much where cores are busy."""
+    """The threads of scikit-learn, kept to one: on so few points more only cost time."""
     return ThreadpoolController()
 
 

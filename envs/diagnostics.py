@@ -187,7 +187,9 @@ def _count_blocking_pairs(
             square_sums[uav] += efficiencies[user] ** 2
             means[uav] += worlds.rates_bps[world, user] / constants.bandwidth_hz
     may_prune = own_path_loss_db is None and LOSS_ALLOWS_PRUNING
-    # A user farther from a UAV than one of its own that is not above its cell's mean is not either.
+    # A UAV gains only by users whose efficiency is above the mean of its cell, and efficiency falls
+    # with distance. Where one of its own users is not above the mean, no user farther away is: that
+    # bounds the distance at which links have to be computed.
     reaches_m2 = np.full(uavs, np.inf)
     for user in range(len(association)):
         uav = association[user]
@@ -200,15 +202,17 @@ def _count_blocking_pairs(
         if own < 0:  # no UAV reaches it
             continue
         efficiency = efficiencies[user]
-        # By what the rates in a cell are divided, and what the user would add to it.
+        # How crowded cells are, and what the user adds: the sum of 1/efficiency where rates are
+        # equal (max-min), the number of users where bandwidth is (proportional), the sum of the
+        # efficiencies where shares follow these. A change pays only into a less crowded cell.
         crowding, added = inverse_sums, 1.0 / efficiency
         if constants.share_rule == PROPORTIONAL:
             crowding, added = counts, 1.0
         elif constants.share_rule == SPECTRAL_EFFICIENCY:
             crowding, added = sums, efficiency
         for uav in range(uavs):
-            # Its own UAV is received best: a change that would not pay over as good a link does not
-            # pay, and most links need not be computed. A cell gains by whoever is above its mean.
+            # The user receives its present UAV best. A change that would not pay over an equally
+            # good link does not pay at all, and these tests compute no link.
             if (
                 crowding[uav] + added < crowding[own]
                 and efficiency > means[uav]

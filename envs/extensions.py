@@ -38,7 +38,7 @@ class OwnPathLoss(NamedTuple):
 
     compiled: Callable[..., Any]
     digest: str | None
-    """Of all that its machine code depends on; None if that cannot be told."""
+    """Digest of all that its machine code depends on; None if that is unknown."""
     link: tuple[float, ...]
     """Arguments after distance and altitude."""
 

@@ -68,9 +68,10 @@ def choices_of(field: FieldInfo) -> list[str]:
     return [word for word in get_args(type_of(field)) if isinstance(word, str)]
 
 
-def least_of(field: FieldInfo) -> int | None:
-    """The least whole number that a field may hold, None where there is no least one."""
-    return next((item.ge for item in field.metadata if isinstance(item, Ge)), None)  # type: ignore[return-value]
+def allows_zero(field: FieldInfo) -> bool:
+    """Whether a field of whole numbers may hold 0."""
+    bounds: list[Any] = [item.ge for item in field.metadata if isinstance(item, Ge)]
+    return all(bound <= 0 for bound in bounds)
 
 
 def allows_none(field: FieldInfo) -> bool:

@@ -193,7 +193,7 @@ class WorldBatch:
         transmit_powers_w: ArrayLike | None = None,
         target_users: ArrayLike | None = None,
     ) -> None:
-        """Have all UAVs begin elsewhere than Phase I puts them, before the first slot.
+        """Place all UAVs by hand, instead of where Phase I puts them, before the first slot.
 
         Args:
             positions_m: (B, N, 3), inside the flight box.
@@ -276,7 +276,7 @@ class WorldBatch:
         return specialised(compiled, self._own_path_loss.compiled, self._own_path_loss.digest)
 
     def step_except(self, resting: NDArray[np.bool_], actions: ArrayLike) -> None:
-        """As :meth:`step`, but some worlds (B,) stay as they are, whatever their actions."""
+        """Step all worlds but those of ``resting`` (B,), which stay as they are."""
         if not resting.any():
             self.step(actions)
         elif not resting.all():
@@ -296,7 +296,7 @@ class WorldBatch:
         return document, {name: array.copy() for name, array in self._stored().items()}
 
     def restore(self, document: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Be as the batch, of the same parameters, that :meth:`state` was asked of.
+        """Take over a state that :meth:`state` of a batch with the same parameters gave.
 
         Raises:
             ValueError: a value that cannot be.

@@ -26,7 +26,7 @@ from orchid_uav.suggestions import unknown
 
 Fraction = Annotated[float, within(0.0, 1.0)]
 LearningRate = Annotated[float, within(0.0, 1e40)]
-"""No limit but that of numbers: a rate that is too high ends its run with a word of its own."""
+"""Any finite number: a rate that is too high ends its run with a message of its own."""
 LayerSizes = Annotated[
     tuple[Annotated[int, within(1, 4096)], ...], Field(min_length=1, max_length=16)
 ]
@@ -184,7 +184,7 @@ class RunConfig(Parameters):
         return Parameters.model_validate(self.model_dump(include=set(Parameters.model_fields)))
 
     def extended_to(self, episodes: int) -> "RunConfig":
-        """With more episodes, during which the schedules stay where the first ones led them."""
+        """The configuration with more episodes, in which all schedules keep their last values."""
         training = self.training
         changes = {
             "episodes": episodes,
@@ -194,7 +194,7 @@ class RunConfig(Parameters):
 
 
 LEARNING_SECTIONS = tuple(RunConfig.model_fields)[len(Parameters.model_fields) :]
-"""Sections that say how is learned, not what world there is."""
+"""Sections on learning; the others define the world."""
 
 
 class Preset(NamedTuple):
@@ -242,7 +242,7 @@ def configuration_keys() -> list[str]:
 
 
 def field_of(key: str) -> FieldInfo:
-    """What is declared of a key ``"section.key"``."""
+    """The field of a key ``"section.key"``."""
     section, field = key.split(".")
     return type(RunConfig.model_fields[section].default).model_fields[field]
 

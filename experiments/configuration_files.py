@@ -12,7 +12,7 @@ from orchid_uav.experiments.errors import InputError
 _MOST_BYTES = 2**20
 _PATIENCE_S = 1.0
 _STREAMS = ("/dev/", "/proc/")
-"""Where names say nothing of what is inside: ``/dev/stdin``, ``/dev/fd/63``."""
+"""Folders of pipes and devices, such as ``/dev/stdin``, whose names do not tell the format."""
 
 
 def read_configuration(path: Path, say: Callable[[str], object]) -> tuple[str, str]:
@@ -55,7 +55,7 @@ def read_configuration(path: Path, say: Callable[[str], object]) -> tuple[str, s
 
 
 def _drain(descriptor: int, path: Path, say: Callable[[str], object]) -> bytes:
-    """What comes until the end of a pipe or a device, but little more than is allowed."""
+    """The content of a pipe or a device up to its end, or to just above the size allowed."""
     content, has_waited = b"", False
     while len(content) <= _MOST_BYTES:
         select.select([descriptor], [], [], _PATIENCE_S)

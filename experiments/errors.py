@@ -6,4 +6,4 @@ class InputError(Exception):
 
 
 class RunFailedError(Exception):
-    """Something that had begun could not go on; perhaps later, as a second line may say."""
+    """Something that had begun could not go on. A second line may say how it can, later."""

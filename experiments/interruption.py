@@ -1,4 +1,4 @@
-"""Signals that ask to stop, as requests, so that what is done is kept."""
+"""Signals that ask to stop are noted as requests, so that what is done is kept."""
 
 import os
 import signal
@@ -10,15 +10,15 @@ from enum import Enum
 from types import FrameType
 
 _NAMES = ("SIGINT", "SIGTERM", "SIGHUP", "SIGUSR1", "SIGXCPU")
-"""Ctrl-C; who wants it gone; a terminal that closes; what batch systems send before their limit
-(Slurm's ``--signal=USR1``); the kernel, at a limit of processor time. Systems lack some."""
+"""Sent by ctrl-C; by ``kill``; by a terminal that closes; by batch systems before their time limit
+(Slurm's ``--signal=USR1``); by the kernel at a limit of processor time. Some systems lack some."""
 _OF_OTHERS = ("SIGUSR1", "SIGXCPU")
-"""Heeded only where nobody else does: programs that start jobs of their own listen to these."""
+"""Handled only if nothing else handles them: programs that start jobs of their own may."""
 _SECONDS_OF_ONE_REQUEST = 1.0
-"""Shells, kernels and batch systems tell one thing several times, and a hasty hand too."""
+"""Seconds in which further signals are taken for repetitions of the first one."""
 
 AFTER_UPDATE = b"stopping after the update that follows; ctrl-C once more stops at once\n"
-"""What a training run says."""
+"""What a training run prints at the first signal."""
 
 
 class Raising(Enum):
@@ -117,7 +117,7 @@ def interruption_requests(
 
 
 def ignore_signals() -> None:
-    """From now on: all is written, and the process ends by what it has reached."""
+    """Ignore signals from now on: everything is written, and the process is about to end."""
     for number in _heeded():
         signal.signal(number, signal.SIG_IGN)
 

@@ -15,7 +15,7 @@ class Metric(NamedTuple):
 
     title: str
     unit: str
-    """Of the scaled value; empty for plain numbers."""
+    """Unit of the scaled value; empty for plain numbers."""
     scale: float
     """Factor from the stored value to the shown one."""
     digits: int

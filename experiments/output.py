@@ -56,7 +56,7 @@ class Output:
 
 @contextmanager
 def lasting_output() -> Iterator[Output]:
-    """Let no write to ``sys.stdout`` and ``sys.stderr`` fail, whoever writes, displays too.
+    """Make writing to ``sys.stdout`` and ``sys.stderr`` never fail, for displays as well.
 
     Everything that is printed once a stream has failed is dropped. Streams that lead to no
     descriptor, such as those of a notebook, stay as they are.

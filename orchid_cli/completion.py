@@ -63,7 +63,7 @@ def methods(ctx: typer.Context, incomplete: str) -> list[str]:
 
 @_silent
 def metrics(ctx: typer.Context, incomplete: str) -> list[str]:
-    """Of an evaluation."""
+    """Names of the metrics of an evaluation."""
     from orchid_uav.experiments.metrics import METRICS
 
     return _listed(["main", "all", *METRICS], incomplete)

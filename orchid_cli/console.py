@@ -127,7 +127,7 @@ def _parts(table: Sequence[list[str]], room: int) -> Iterator[list[list[str]]]:
 
 
 def least_width(column: Sequence[str]) -> int:
-    """Of a column in which only the heading is broken, and only between words."""
+    """Width of a column in which only the heading is broken, and only between words."""
     heading, *cells = column
     lines = (line for cell in cells for line in cell.split("\n"))
     return max(map(cell_len, (*heading.split(" "), *lines, "")))

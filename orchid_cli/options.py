@@ -13,7 +13,7 @@ import typer
 from orchid_uav.cli import completion
 from orchid_uav.cli.console import print_note
 from orchid_uav.cli.ranges import parse_counts, parse_numbers
-from orchid_uav.envs.keys import choices_of, holds_several, least_of, type_of, unit_of
+from orchid_uav.envs.keys import allows_zero, choices_of, holds_several, type_of, unit_of
 from orchid_uav.experiments.configuration import (
     FLAGS,
     LEARNING_SECTIONS,
@@ -211,7 +211,7 @@ def listed(key: str, text: str) -> list[Any]:
     """
     field, option_name = field_of(key), f"--{FLAGS[key].name}"
     if type_of(field) is int:
-        return parse_counts(text, option_name, least_of(field) or 0)
+        return parse_counts(text, option_name, least=0 if allows_zero(field) else 1)
     if type_of(field) is float:
         return parse_numbers(text, option_name)
     words = list(dict.fromkeys(word.strip() for word in text.split(",")))

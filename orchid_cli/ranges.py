@@ -35,7 +35,7 @@ def parse_numbers(text: str, what: str) -> list[float]:
 
 
 def parse_counts(text: str, what: str, least: int = 1) -> list[int]:
-    """As :func:`parse_numbers`, for whole numbers of at least ``least``."""
+    """The whole numbers of a range, all at least ``least``; see :func:`parse_numbers`."""
     values = parse_numbers(text, what)
     for value in values:
         if value != int(value) or value < least:

@@ -236,20 +236,20 @@ class MADDPG(CentralizedTraining, OffPolicyAlgorithm):
         self.policy.optimizer.step()
 
     def training_state(self) -> tuple[dict[str, Any], dict[str, Tensors]]:
-        """As of both learners, and the transitions stored so far."""
+        """The state of every learner, and the stored transitions."""
         document, tensors = super().training_state()
         document |= {"rows": self._rows, "replay": self.replay_buffer.place()}
         return document, tensors | {_REPLAY: self.replay_buffer.stored()}
 
     def training_state_specs(self, document: Mapping[str, Any]) -> dict[str, dict[str, TensorSpec]]:
-        """As of both learners, and of the replay buffer."""
+        """As :class:`CentralizedTraining` does it, with the replay buffer."""
         specs = self.replay_buffer.stored_specs(document["replay"])
         return super().training_state_specs(document) | {_REPLAY: specs}
 
     def restore_training_state(
         self, document: Mapping[str, Any], tensors: Mapping[str, Tensors]
     ) -> None:
-        """As of both learners, and of the replay buffer."""
+        """As :class:`CentralizedTraining` does it, with the replay buffer."""
         rows = document["rows"]
         if type(rows) is not int or not 0 < rows <= self.n_envs or rows % self.agents_per_world:
             raise ValueError(f"{rows!r} rows of {self.n_envs}")

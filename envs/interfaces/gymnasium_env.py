@@ -70,7 +70,7 @@ class FleetVectorEnv(VectorEnv[Rows, Rows, NDArray[Any]]):
     """Many joint problems stepped as one batch.
 
     ``info["metrics"]`` holds the slot's metrics as arrays over worlds, and where an episode has
-    ended (``info["_episode_metrics"]``), ``info["episode_metrics"]`` its figures. What follows an
+    ended (``info["_episode_metrics"]``), ``info["episode_metrics"]`` its metrics. What follows an
     episode's end is Gymnasium's to define:
 
     * ``SAME_STEP``, the default: the next episode begins in the same step. ``info["final_obs"]``

@@ -115,7 +115,7 @@ class FleetVecEnv(VecEnv):
         return self.world.snapshot(row // self.agents_per_world)
 
     def close(self) -> None:
-        """Nothing to release."""
+        """Do nothing: there is nothing to release."""
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
         """An attribute of this environment, once per row asked for."""

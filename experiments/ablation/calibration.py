@@ -1,4 +1,4 @@
-"""How long training takes here, measured before much of it is begun."""
+"""How long training takes on this machine, measured before an ablation begins."""
 
 import time
 

@@ -57,7 +57,7 @@ SETTLED = (151, 200)
 """Episodes that the last ones are compared with, to see whether a metric falls late (claim C4)."""
 WINDOWS = (10, 25, 50, 100)
 TOLERANCES = (0.01, 0.02, 0.05, 0.1)
-"""For which Reset-and-Finetune's trigger is replayed on runs that had none."""
+"""Parameters with which the trigger is replayed on runs without Reset-and-Finetune."""
 
 Values = dict[str, list[float]]
 """By metric, one value per seed, NaN for a run that failed."""
@@ -82,7 +82,7 @@ class Ablation:
         return {BASE: self.base, **own}
 
     def rewarded_otherwise(self) -> list[str]:
-        """Variants whose reward is another function than the base's."""
+        """Names of the variants whose reward function differs from the base's."""
         base = flatten(self.base)
         return [
             name
@@ -203,7 +203,7 @@ def flown_values(
 
 
 def trained_values(logs: Sequence[Sequence[Row]]) -> Values:
-    """Means of the last training episodes, per metric and run; of no rows, NaN."""
+    """Means of the last training episodes, per metric and run; NaN for a run without episodes."""
     finals = [final_metrics(rows) for rows in logs]
     return {metric: [_number(final.get(metric)) for final in finals] for metric in TRAINED}
 
@@ -251,7 +251,7 @@ def compare(
 
 
 def _uncompared(base: Sequence[float], variant: Sequence[float]) -> Comparison:
-    """As of a metric that is compared, with nothing but the counts of runs."""
+    """A comparison with nothing but the counts of runs, for a metric that is not compared."""
     counted = compare_pairs(base, variant, None)
     known: dict[str, Any] = {
         name: getattr(counted, name) for name in ("n", "seeds", "failed_base", "failed_variant")
@@ -301,7 +301,7 @@ def replayed_trigger(logs: Sequence[Sequence[Row]]) -> list[TriggerReplay]:
     """When Reset-and-Finetune's trigger would have fired on runs, for a grid of its parameters.
 
     On a policy that does not learn every firing is a false alarm. One tolerance holds for both
-    figures.
+    metrics.
     """
     table = []
     for window in WINDOWS:

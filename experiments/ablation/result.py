@@ -23,7 +23,7 @@ class AblationSettings(Document):
     topologies: int
     evaluation_seed: int
     margin: float
-    """Of equivalence, as a share of the base's mean."""
+    """Margin of the tests of equivalence, as a share of the base's mean."""
     ci95: str
     family: str
 
@@ -72,7 +72,7 @@ class AblationResult(AblationHeader):
     values: dict[str, dict[str, dict[str, SeedSummary]]]
     """By variant and metric."""
     comparisons: dict[str, dict[str, dict[str, Comparison]]]
-    """Of each variant with the base, by metric."""
+    """By variant, each compared with the base, and by metric."""
     others: list[EvaluationResult]
     """Rules and zero-action twins on the same topologies."""
     late_changes: dict[str, dict[str, SeedSummary]] | None

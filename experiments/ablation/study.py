@@ -122,7 +122,7 @@ class AblationStudy:
     def train(
         self, executor: Executor, progress: JobProgress, costs: Mapping[str, float]
     ) -> Outcome:
-        """Train what is not complete; whether all of it is then.
+        """Train what is not complete, and say whether all runs are complete then.
 
         Args:
             executor: where the runs are trained.
@@ -141,7 +141,7 @@ class AblationStudy:
         return "failed" if any(end.status == "failed" for end in ends) else "completed"
 
     def note_interruption(self) -> None:
-        """Say in ``ablation.json`` that it is not what it is to be."""
+        """Write into ``ablation.json`` that the study was interrupted."""
         self._write(self._header("interrupted"))
 
     def evaluate(self, progress: FlightProgress) -> AblationResult | None:
@@ -245,7 +245,7 @@ class AblationStudy:
         )
 
     def _facts(self, setting: str) -> dict[str, str]:
-        """What the page of the figure says of the study."""
+        """Facts about the study for the page of its figure."""
         ablation = self.ablation
         return {
             "Setting": setting,
@@ -256,7 +256,7 @@ class AblationStudy:
         }
 
     def _setting(self) -> str:
-        """What base and variants have of it in common."""
+        """The setting, as far as base and variants have it in common."""
         return setting_of(map(flatten, self.ablation.configurations().values()))
 
     def _describe_run(
@@ -293,7 +293,7 @@ class AblationStudy:
 
 
 def _rows(job: TrainingJob) -> list[Row]:
-    """Episodes of a run that is complete; none of another."""
+    """Episodes of a complete run; no rows for any other."""
     path = job.completed()
     if path is None:
         return []

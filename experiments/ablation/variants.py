@@ -1,4 +1,4 @@
-"""What is compared in an ablation: a base, and what every variant has otherwise."""
+"""What is compared in an ablation: a base, and variants that differ from it."""
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -35,7 +35,7 @@ CONTROLS: dict[str, str] = {
     "linear-decay": "no reset; the learning rates fall linearly to the same last value",
     FROZEN: "learns nothing: how often the trigger fires on a policy that does not change",
 }
-"""What has to be ruled out before an effect is Reset-and-Finetune's."""
+"""What else could explain an effect of Reset-and-Finetune, by the control that tests it."""
 _LONGEST_NAME = 48
 
 
@@ -85,7 +85,7 @@ def assigned(assignments: Sequence[str]) -> list[Variant]:
 
 
 def _name(text: str) -> str:
-    """As it can be part of a run's id; a minus stays, lest -1 be called as 1 is."""
+    """The text as part of a run's id. A minus is kept, so that -1 and 1 have different names."""
     return re.sub(r"[^A-Za-z0-9._-]+", "-", text).strip("-._")[:_LONGEST_NAME] or "variant"
 
 

@@ -60,7 +60,7 @@ def make_default_directory(parent: Path = DEFAULT_PARENT) -> Path:
 
 
 def describe_plan(plan: Plan, planner_evaluations: int) -> EvaluationSettings:
-    """What defines an evaluation: two of equal descriptions give equal metrics."""
+    """What defines an evaluation: two with equal settings give equal metrics."""
     settings = plan.settings
     described = {
         "methods": [
@@ -163,7 +163,7 @@ def _with_current_keys(settings: dict[str, Any]) -> dict[str, Any]:
 
 
 def reserve_directory(directory: Path) -> None:
-    """Make the directory, so that nothing is flown whose metrics could not be kept.
+    """Make the directory before anything is flown, and check that it can be written.
 
     Raises:
         InputError: it cannot be written.
@@ -307,7 +307,7 @@ def write_evaluation(
 
 @contextmanager
 def told_if_not_drawn(directory: Path) -> Iterator[None]:
-    """Let no figure that cannot be drawn cost what it was to show: there is a warning instead."""
+    """Turn an error while drawing into a warning, so that the evaluation itself is kept."""
     try:
         yield
     except Exception as error:

@@ -102,7 +102,7 @@ class Flight(NamedTuple):
 
     @property
     def key(self) -> tuple[Any, ...]:
-        """What tells this flight from all others of an evaluation."""
+        """The identity of this flight within an evaluation."""
         return (*self.setting, self.contender.key, self.contender.deterministic)
 
 
@@ -116,10 +116,10 @@ class FlightProgress:
         """This flight is next."""
 
     def advance(self, cost: float) -> None:
-        """So much of the total cost is behind."""
+        """This much more of the total cost is done."""
 
     def end(self) -> None:
-        """No flight goes on."""
+        """The evaluation has ended."""
 
 
 Flown = dict[tuple[Any, ...], Metrics]
@@ -176,7 +176,7 @@ def evaluate(
 
 
 def world_differences(policy: Policy, world: RunConfig) -> list[str]:
-    """Keys of the world in which a run was trained elsewhere than it is flown."""
+    """Keys in which the world of a policy's training differs from the one it is flown in."""
     trained, flown = flatten(policy.config), flatten(world)
     return [
         key
@@ -239,7 +239,7 @@ def _fly(
 
 
 def in_batches(seeds: Sequence[int]) -> Iterator[Sequence[int]]:
-    """As many worlds as are kept in memory at once."""
+    """Divide seeds into batches of as many worlds as are kept in memory at once."""
     for first in range(0, len(seeds), _WORLDS_AT_ONCE):
         yield seeds[first : first + _WORLDS_AT_ONCE]
 

@@ -49,14 +49,14 @@ _MMF, _PF = method_overrides("mmf"), method_overrides("pf")
 
 
 class OwnFile(NamedTuple):
-    """Where a method comes from that is not one of this package."""
+    """The user's file that a method comes from."""
 
     name: str
     """The file's, without its folders."""
     attribute: str
     """The class's."""
     sha256: str
-    """Of the file."""
+    """Checksum of the file."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class Contender:
     """Rough duration of a flight, that of hovering being 1, to tell the time left."""
 
     def with_overrides(self, values: Mapping[str, Any]) -> "Contender":
-        """With further parameters that belong to the method."""
+        """The same row with further parameters that belong to the method."""
         return replace(self, overrides={**self.overrides, **values})
 
 

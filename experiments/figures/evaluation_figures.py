@@ -173,7 +173,7 @@ class _Sheet:
     def _draw_curves(
         self, axes: Axes, labels: Sequence[str], panel: _Setting, height_in: float, width_in: float
     ) -> None:
-        """Side by side where markers would hide each other; of equal lines the lower is thicker."""
+        """Draw curves side by side where markers would hide each other, and thicker below."""
         own = {
             label: {place: value for (where, place), value in self.curves[label].items()
                     if where == panel}
@@ -330,12 +330,12 @@ def _titles(names: Sequence[str], panels: Sequence[_Setting]) -> tuple[str, list
 
 
 def _columns(panels: int) -> int:
-    """Of 4 or 3 those that leave fewest gaps."""
+    """Panels per row, 4 or 3, whichever leaves fewer gaps."""
     return panels if panels <= 4 else min((4, 3), key=lambda columns: -panels % columns)
 
 
 def _far_apart(places: Sequence[float], most: int) -> list[float]:
-    """Those of sorted places that have room for their numbers."""
+    """Those of the sorted places whose numbers do not overlap."""
     chosen = [places[0]]
     for place in places:
         if place - chosen[-1] >= (places[-1] - places[0]) / most and place > chosen[-1]:

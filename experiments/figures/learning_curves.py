@@ -1,4 +1,4 @@
-"""Learning curves as a figure: a panel per figure of an episode, a colour per run or group."""
+"""Learning curves as a figure: a panel per metric, a colour per run or group."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -104,7 +104,7 @@ class _Sheet:
             column: {name: self._curves(runs, column) for name, runs in groups.items()}
             for column in columns
         }
-        """Of every group one, or one of each run."""
+        """One curve for each group, or one for each run."""
         self.resets = {
             name: [row["episode"] for rows in runs for row in rows if row.get("reset") == 1.0]
             for name, runs in groups.items()

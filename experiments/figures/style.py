@@ -119,7 +119,7 @@ def line_styles(labels: Iterable[str]) -> dict[str, dict[str, Any]]:
 
 
 def _looks_of_runs(names: set[str]) -> dict[str, _Look]:
-    """Of the looks used least so far, the one nearest to that which a name's digest gives."""
+    """For each run the least used look that is nearest to the one its name's digest gives."""
     choices: tuple[Sequence[Any], ...] = (_RUN_COLOURS, _RUN_MARKERS, _RUN_LINES)
     looks = list(itertools.product(*(range(len(choice)) for choice in choices)))
     uses: Counter[tuple[Any, ...]] = Counter()
@@ -138,7 +138,7 @@ def _looks_of_runs(names: set[str]) -> dict[str, _Look]:
 
 
 def _traits(look: tuple[int, ...]) -> list[tuple[Any, ...]]:
-    """What two runs had better not share, the worst first."""
+    """Traits that two runs should not share, the most important first."""
     colour, marker, line = look
     return [look, ("both", colour, marker), ("colour", colour), ("marker", marker), ("line", line)]
 
@@ -208,7 +208,7 @@ def _which(panels: Sequence[str], of: Iterable[str]) -> str:
 
 
 def shifted(axes: Axes, turn: int, count: int, step_pt: float = SHIFT_PT) -> Transform:
-    """Where data lie, moved sideways for one of so many curves that lie on each other."""
+    """The transform of data, moved sideways for one of several curves that lie on each other."""
     shift_in = (turn - (count - 1) / 2) * step_pt / 72
     assert isinstance(axes.figure, Figure | SubFigure)
     return axes.transData + ScaledTranslation(shift_in, 0.0, axes.figure.dpi_scale_trans)

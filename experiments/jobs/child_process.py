@@ -99,7 +99,7 @@ class Child:
                     self.process.kill()
 
     def close(self) -> None:
-        """Wait for its end, which must be near."""
+        """Wait for its end, which was asked for."""
         self.process.wait()
         if self.process.stdin is not None:
             self.process.stdin.close()

@@ -35,10 +35,10 @@ class JobEnd:
     job: Job
     status: Status
     code: int | None
-    """Of its last process: the exit code, or minus the signal that killed it. None: no process."""
+    """The exit code of its last process, or minus the signal that killed it; None without one."""
     tries: int
     seconds: float
-    """Of all tries together."""
+    """Duration of all tries together."""
     error: str | None
     """Why it did not complete, in at most 300 characters without control codes."""
 
@@ -47,7 +47,7 @@ class Overview(NamedTuple):
     """How far all jobs are."""
 
     fraction_done: float
-    """Of the whole cost; a job that has ended counts in full, whatever became of it."""
+    """Share of the whole cost; a job that has ended counts in full, even if it failed."""
     seconds_left: float | None
     """None where nothing can be said yet."""
     running: Sequence[tuple[Job, float]]

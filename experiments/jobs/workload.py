@@ -73,7 +73,7 @@ class Workload:
             self.fractions[index] = _asked(self._jobs[index], otherwise=self.fractions[index])
 
     def end(self, index: int, is_complete: bool) -> None:
-        """Nothing is left to do of this job."""
+        """Count a job as ended."""
         self._ended.add(index)
         if is_complete:
             self.fractions[index] = 1.0

@@ -280,7 +280,7 @@ class RunDirectory:
         return rows
 
     def sync_episodes(self) -> tuple[int, str]:
-        """Have the log on the disk; its size and SHA-256."""
+        """Write the log through to the disk, and return its size and SHA-256."""
         with (self.path / EPISODES_FILE).open("rb+") as file:  # Windows syncs what can be written
             sync_file(file, self.path)
             content = file.read(self._episodes_size)
@@ -322,7 +322,7 @@ class RunDirectory:
         self.release()
 
     def release(self) -> None:
-        """Let others write, if they may not already."""
+        """Release the lock, if it is still held."""
         self._lock.release()
 
     def _save(self) -> None:

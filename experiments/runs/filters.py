@@ -28,7 +28,7 @@ class Condition(NamedTuple):
     key: str
     operator: str
     value: str
-    """As it was given."""
+    """The text that was given."""
 
     def fits(self, run: Run) -> bool:
         """Whether a run fulfils it.
@@ -65,7 +65,7 @@ _ORDER: dict[str, Callable[[Any, Any], Any]] = {
 
 
 def _value(text: str) -> Any:
-    """As ``--set`` reads it."""
+    """The value, read as ``--set`` reads it."""
     return assignment_layer([f"value={text}"]).values["value"]
 
 

@@ -48,7 +48,7 @@ class RunLock:
             )
 
     def release(self) -> None:
-        """Let others write."""
+        """Release the lock."""
         self._lock.release()
 
 

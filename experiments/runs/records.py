@@ -30,7 +30,7 @@ LARGEST_LOG = 2**30
 
 Status = Literal["running", "completed", "failed", "interrupted"]
 SeenStatus = Literal["running", "completed", "failed", "interrupted", "died"]
-"""As others see it: "died" is a run that says it is running and whose process is gone."""
+"""The status that users see: "died" if a run says that it is running and its process is gone."""
 
 
 class Resumption(Document):
@@ -53,7 +53,7 @@ class RunRecord(Document):
     host: dict[str, JsonValue]
     started: str
     seconds: float
-    """Of the learning loop."""
+    """Duration of the learning loop."""
     episodes: int
     reset_episodes: list[int]
     final: dict[str, float | None]
@@ -66,12 +66,12 @@ class RunRecord(Document):
     finished: str | None
     error: str | None
     episodes_sha256: str | None = None
-    """Of the log, once it is complete."""
+    """Checksum of the log, once it is complete."""
     former_ids: list[str] = Field(default=[])
     """Ids of the runs that this one is a copy of, or that it had before it was renamed. Its
     checkpoints and its policy may name them, where they are older than it is."""
     next_config_sha256: str | None = None
-    """Of the configuration that is about to replace the one there is."""
+    """Checksum of the configuration that is about to replace the present one."""
 
     @field_validator("former_ids", mode="before")
     @classmethod

@@ -23,7 +23,7 @@ class Removal:
     path: Path
     """In the directory of runs, whose links are resolved."""
     status: str
-    """As seen, or "damaged"."""
+    """The status that users see, or "damaged"."""
     size: int
     """Bytes that are freed."""
     link_target: str | None

@@ -42,7 +42,7 @@ class Curve(NamedTuple):
     """At its beginning."""
     episodes: Floats
     values: Floats
-    """Of the run, or the interquartile mean over runs."""
+    """Values of the run, or the interquartile mean over runs."""
     band: tuple[Floats, Floats] | None
     """Interval of the interquartile mean; None below ``MIN_RUNS`` runs."""
 

@@ -29,7 +29,7 @@ class MethodSettings(Document):
     method: str
     run: str | None
     sha256: str | None
-    """Of the policy's weights."""
+    """Checksum of the policy's weights."""
     deterministic: bool
     overrides: Annotated[dict[str, JsonValue], CURRENT_KEYS]
     """Parameters that belong to the method, by ``"section.key"``."""

@@ -141,7 +141,7 @@ class _Log(Reporter):
 
 
 def run_one(job: TrainingJob) -> int:
-    """Have the run complete; asked again, it goes on where it stopped, or has nothing to do.
+    """Complete the run: begin it, go on where it stopped, or do nothing if it is complete.
 
     Returns:
         0, or 130 where it was interrupted and what is done is kept.

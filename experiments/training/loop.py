@@ -53,7 +53,7 @@ class TrainingOutcome:
     run: RunDirectory
     status: Status = "running"
     seconds: float = 0.0
-    """Of the learning loop, after imports and compilation, before the run was resumed as well."""
+    """Duration of the learning loop, without imports and compilation, over all resumptions."""
     rows: list[Row] = field(default_factory=list)
     reset_episodes: list[int] = field(default_factory=list)
     is_restored: bool = True
@@ -82,7 +82,7 @@ class TrainingOutcome:
 
 
 def _compile(config: RunConfig) -> None:
-    """Have the simulator compiled, or read from numba's cache, before time is taken."""
+    """Compile the simulator, or read it from numba's cache, before the time is measured."""
     world = WorldBatch(config.network_parameters)  # not of the run, whose seeds stay unused
     world.reset()
     world.step(np.zeros((1, world.uav_count, ACTION_SIZE)))
@@ -161,7 +161,7 @@ def _learn(
     run = outcome.run
     _compile(config)
     env = FleetVecEnv(config.network_parameters, config.training.worlds, seed=None)
-    model = build_model(config, env)  # SB3 seeds the worlds here, and torch
+    model = build_model(config, env)  # SB3 seeds torch and the worlds here, and nobody else does
     model.set_logger(Logger(folder=None, output_formats=[]))
     reset_and_finetune = build_reset_and_finetune(config)
     checkpoints = CheckpointStore(run.path, run.id, config.checkpoint.keep, run.record.former_ids)
@@ -180,6 +180,9 @@ def _learn(
     def save(episodes_done: int) -> None:
         checkpoints.save(episodes_done, training.state(), run.sync_episodes())
 
+    # All of these act between an update and the next rollout, in this order. Rates fall before the
+    # log, which records those in force after an episode. Weights and the entropy coefficient move on
+    # behind it, since it records those of the update. The checkpoint comes last and holds everything.
     callbacks: list[EpisodeCallback] = [
         LearningRateDecay(schedule_episodes(config), config.training.final_learning_rate_scale),
         EpisodeLog(take, reset_and_finetune),
@@ -190,8 +193,9 @@ def _learn(
         Checkpoints(config.checkpoint.every_episodes, save, lambda: interruption.requested),
     ]
     if reset_and_finetune is not None:
-        callbacks.insert(0, reset_and_finetune)
+        callbacks.insert(0, reset_and_finetune)  # so that the log sees the reset of its episode
     training = Training(model, env, callbacks)
+    # Everything is built, and so has drawn its first random numbers, before a state is restored.
     if run.is_resumed:
         outcome.rows = _go_back(training, checkpoints, run, reporter)
         if reset_and_finetune is not None:
@@ -206,6 +210,7 @@ def _learn(
     try:
         with suppress(StoppedError):
             model.learn(
+                # SB3 adds what was flown before to the steps that it is asked for.
                 config.training.episodes * rows_per_episode - model.num_timesteps,
                 callback=list(callbacks),
                 log_interval=None,  # type: ignore[arg-type]  # EpisodeLog takes the metrics instead

@@ -19,7 +19,7 @@ _WORLDS = "worlds"
 
 
 class TrainingState(NamedTuple):
-    """Of a run between two rollouts."""
+    """The state of a run between two rollouts."""
 
     document: dict[str, Any]
     """What is written as JSON."""
@@ -44,7 +44,7 @@ class Training:
         self.callbacks = callbacks
 
     def state(self) -> TrainingState:
-        """As it is between two rollouts.
+        """The state between two rollouts.
 
         Raises:
             DivergedError: a weight is not a finite number.
@@ -68,7 +68,7 @@ class Training:
         return self.model.training_state_specs(document["learner"]) | {_WORLDS: worlds}
 
     def restore(self, state: TrainingState) -> None:
-        """Be as the training that :meth:`state` was asked of; of equal configuration.
+        """Take over a state that :meth:`state` of a training with the same configuration gave.
 
         Raises:
             LookupError, TypeError, ValueError: the state is that of something else.

@@ -77,7 +77,7 @@ class TrackerProcess(Tracker):
         self._order(resume=episodes)
 
     def log(self, episode: int, metrics: Mapping[str, float]) -> None:
-        """Have an episode's metrics exported, some time."""
+        """Queue an episode's metrics for export."""
         self._order(episode=episode, metrics=dict(metrics))
         self._last = episode
 

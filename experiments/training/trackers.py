@@ -47,7 +47,7 @@ class TensorBoardTracker(Tracker):
         self._write(file_version="brain.Event:2")
 
     def resume(self, episodes: int) -> None:
-        """Have TensorBoard forget what an earlier process logged of later episodes."""
+        """Tell TensorBoard to drop what an earlier process logged of later episodes."""
         self._write(step=episodes + 1, session_log=self._start)
 
     def log(self, episode: int, metrics: Metrics) -> None:

@@ -69,7 +69,7 @@ def _named(out: Console, runs: Sequence["Run"]) -> list[tuple[str, "Run"]]:
 
 
 def columns_that_fit(out: Console, runs: Sequence["Run"]) -> list[str]:
-    """Of ``LIST_COLUMNS`` those that a terminal has room for; all of them elsewhere."""
+    """The columns of ``LIST_COLUMNS`` that a terminal has room for; all of them elsewhere."""
     columns = list(LIST_COLUMNS)
     if not out.is_terminal:
         return columns

@@ -7,7 +7,7 @@ from contextlib import suppress
 
 
 def main() -> int:
-    """Run the command; its imports take a while, in which ctrl-C shall be no traceback either."""
+    """Run the command. Ctrl-C during its imports, which take a while, shows no traceback either."""
     _occupy_descriptors()
     try:
         from orchid_uav.cli.main import main as command
@@ -24,7 +24,7 @@ def main() -> int:
 
 
 def _occupy_descriptors() -> None:
-    """Have 0 to 2 lead nowhere where they are closed, lest a file of a run gets such a number.
+    """Open the null device as 0 to 2 where these are closed, so that no file gets their numbers.
 
     What is printed, by libraries in C as well, would be written into it.
     """

@@ -14,12 +14,12 @@ _told: set[str] = set()
 
 
 def note_once(subject: str, message: str) -> None:
-    """Say what happens, unless something was said of this subject before."""
+    """Log a note, once for each subject."""
     _log_once(logging.INFO, subject, message)
 
 
 def warn_once(subject: str, message: str) -> None:
-    """Say what goes otherwise than it should, unless something was said of this subject before."""
+    """Log a warning, once for each subject."""
     _log_once(logging.WARNING, subject, message)
 
 
@@ -61,5 +61,5 @@ def reason_of(error: OSError) -> str:
 
 
 def kind_and_reason(error: BaseException) -> str:
-    """The kind of an exception and what it says, in one line, for those nobody foresaw."""
+    """The kind of an unforeseen exception and what it says, in one line."""
     return " ".join(f"{type(error).__name__}: {error}".split())

@@ -7,7 +7,7 @@ _MOST_SHOWN = 40
 
 
 def nearest(name: str, known: Iterable[str], cutoff: float = 0.5) -> str | None:
-    """What is most like a name, None if nothing is."""
+    """The known name that is most like a given one, None if none is."""
     near = difflib.get_close_matches(name, list(known), n=1, cutoff=cutoff)
     return near[0] if near else None
 

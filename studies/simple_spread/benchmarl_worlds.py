@@ -118,7 +118,7 @@ class SpreadTask(TaskClass):
         return False
 
     def has_render(self, env: EnvBase) -> bool:
-        """Nothing to see."""
+        """Do nothing: there is nothing to see."""
         return False
 
     def max_steps(self, env: EnvBase) -> int:

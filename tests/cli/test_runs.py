@@ -350,7 +350,7 @@ def lab(tmp_path_factory):
     directory = tmp_path_factory.mktemp("lab") / "runs"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(provenance, "git_commit", lambda: None)
-        make_run(directory, "a", config={"reset__kappa": 0.1}, log=rows(3, rate_jfi=0.7))
+        make_run(directory, "a", config={"reset__kappa": 0.1}, log=rows(2, rate_jfi=0.7))
         make_run(directory, "b", config={"reset__kappa": 0.5}, log=rows(3, rate_jfi=0.9))
         make_run(directory, "c", config={"training__algorithm": "maddpg"}, log=[], status="failed")
         make_run(directory, "d", config={"network__shares": "pf"}, log=rows(2, rate_jfi=0.8))
@@ -454,7 +454,7 @@ class TestWhere:
         python = {"=": "=="}.get(operator, operator)
         expected = {name for name, value in values.items() if eval(f"{value!r} {python} {bound!r}")}
         if operator == "!=":
-            expected |= {"c", "e"}  # those without the figure
+            expected |= {"c", "e"}  # those without the metric
         assert set(chosen(lab, f"rate_jfi{operator}{bound!r}")) == expected
 
 
@@ -463,7 +463,7 @@ class TestSort:
         ("order", "expected"),
         [
             ("", "edcba"),
-            ("rate_jfi", "adbec"),  # without the figure last, latest first among them
+            ("rate_jfi", "adbec"),  # without the metric last, latest first among them
             ("-rate_jfi", "bdaec"),
             ("name", "abcde"),
             ("-name", "edcba"),

@@ -96,7 +96,7 @@ def _refuse(constant: str) -> None:
 
 
 def _check_content(document: Any, text: str) -> None:
-    """Raise ValueError if a document could not be written again as it was read."""
+    """Raise ValueError if writing a document again would give something else."""
     if "\\u" in text:
         json.dumps(document, ensure_ascii=False).encode()  # half of a surrogate pair is no text
     level = [document]
@@ -169,7 +169,7 @@ def write_atomically(path: Path, content: bytes) -> None:
 
 
 def share(path: Path) -> None:
-    """Let everybody read a file of ``mkstemp``, whose 0600 would hide it from colleagues."""
+    """Give a file of ``mkstemp`` ordinary permissions: its 0600 would hide it from colleagues."""
     try:
         path.chmod(0o644)
     except OSError as error:  # shared folders of other systems have no such permissions
@@ -177,7 +177,7 @@ def share(path: Path) -> None:
 
 
 def sync_file(file: IO[Any], directory: Path) -> None:
-    """Have a file of a directory, open for writing, on the disk, if its file system does that."""
+    """Write an open file of a directory through to the disk, if the file system supports it."""
     file.flush()
     try:
         os.fsync(file.fileno())
@@ -186,7 +186,7 @@ def sync_file(file: IO[Any], directory: Path) -> None:
 
 
 def sync_directory(directory: Path) -> None:
-    """Have names that were made or changed in a directory on the disk, where systems allow it."""
+    """Write changed names of a directory through to the disk, where the system allows it."""
     if os.name != "posix":
         return
     try:
