@@ -181,8 +181,8 @@ def _learn(
         checkpoints.save(episodes_done, training.state(), run.sync_episodes())
 
     # All of these act between an update and the next rollout, in this order. Rates fall before the
-    # log, which records those in force after an episode. Weights and the entropy coefficient move on
-    # behind it, since it records those of the update. The checkpoint comes last and holds everything.
+    # log, which records those in force after an episode. Weights and the entropy coefficient move
+    # on behind it, since it records those of the update. The checkpoint comes last and holds all.
     callbacks: list[EpisodeCallback] = [
         LearningRateDecay(schedule_episodes(config), config.training.final_learning_rate_scale),
         EpisodeLog(take, reset_and_finetune),
