@@ -160,11 +160,12 @@ class ResetAndFinetune(EpisodeCallback):
 
         Some algorithms collect episodes before their first update.
         """
-        logged = {name: value for name, value in self.logger.name_to_value.items() if "/" in name}
-        if any("/" in name and name not in logged for name in self.tolerances):
-            return None
-        known = episode | logged
+        known = dict(episode)
         for name in self.tolerances:
+            if "/" in name:
+                if name not in self.logger.name_to_value:
+                    return None
+                known[name] = self.logger.name_to_value[name]
             if name not in known:
                 raise ValueError(f"an episode has no metric '{name}': it has {', '.join(episode)}")
         return {name: float(known[name]) for name in self.tolerances}

@@ -372,7 +372,8 @@ class Parameters(Section):
         if self.deployment.init == "random" and apart_m > 0.0:
             # Oler's bound on the points of a square that lie so far apart (1961).
             sides = self.network.area_m / apart_m
-            if uavs > 2.0 / 3.0**0.5 * sides**2 + 2.0 * sides + 1.0:
+            # sides * sides is infinite where sides**2 would raise an OverflowError.
+            if uavs > 2.0 / 3.0**0.5 * (sides * sides) + 2.0 * sides + 1.0:
                 raise ValueError(
                     f"there is no room for {uavs} UAVs min_separation_m = {apart_m:g} m apart, as "
                     f"init = random wants them, in area_m = {self.network.area_m:g} m"

@@ -55,7 +55,7 @@ def runs(ctx: typer.Context, incomplete: str) -> list[str]:
 
 @_silent
 def methods(ctx: typer.Context, incomplete: str) -> list[str]:
-    """Keys and groups."""
+    """Keys and groups of methods."""
     from orchid_uav.experiments.evaluation.method_keys import ALL, LEARNED, RULES, known_methods
 
     return _listed([ALL, LEARNED, RULES, *known_methods()], incomplete)
@@ -97,7 +97,7 @@ def assignments(ctx: typer.Context, incomplete: str) -> list[str]:
 
 @_silent
 def presets(ctx: typer.Context, incomplete: str) -> list[str]:
-    """For ``--preset``."""
+    """Names of presets, for ``--preset``."""
     from orchid_uav.experiments.configuration import PRESETS
 
     return list(PRESETS)
@@ -105,19 +105,19 @@ def presets(ctx: typer.Context, incomplete: str) -> list[str]:
 
 @_silent
 def run_keys(ctx: typer.Context, incomplete: str) -> list[str]:
-    """What runs can be listed by."""
+    """Keys that runs can be sorted and filtered by."""
     return _listed(_run_keys(), incomplete)
 
 
 @_silent
 def sort_keys(ctx: typer.Context, incomplete: str) -> list[str]:
-    """The same, perhaps with a minus."""
+    """The same keys, with a minus as well."""
     return _listed(_run_keys(), incomplete, sign="-")
 
 
 @_silent
 def trackers(ctx: typer.Context, incomplete: str) -> list[str]:
-    """For ``--track``."""
+    """Names of trackers, for ``--track``."""
     from orchid_uav.experiments.training.trackers import TRACKERS
 
     return list(TRACKERS)

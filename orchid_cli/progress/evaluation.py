@@ -38,7 +38,7 @@ class _Display(FlightProgress):
         self._out = out
 
     def end(self) -> None:
-        """Say what follows."""
+        """Print what follows."""
         print_line(self._out, "summarising ...")
 
 
@@ -46,12 +46,12 @@ class LineProgress(_Display):
     """A line every few seconds, for logs."""
 
     def begin(self, total_cost: float) -> None:
-        """Take the time."""
+        """Note the time."""
         self._total, self._done = total_cost, 0.0
         self._pace = Pace()
 
     def start(self, flight: Flight) -> None:
-        """Name it from now on."""
+        """Show the name of this flight from now on."""
         self._flight = flight
 
     def advance(self, cost: float) -> None:
@@ -86,7 +86,7 @@ class LiveProgress(_Display):
         self._progress.start()
 
     def start(self, flight: Flight) -> None:
-        """Name it from now on."""
+        """Show the name of this flight from now on."""
         self._progress.update(self._task, description=_describe(flight))
 
     def advance(self, cost: float) -> None:
@@ -94,6 +94,6 @@ class LiveProgress(_Display):
         self._progress.update(self._task, advance=cost)
 
     def end(self) -> None:
-        """Close the display, and say what follows."""
+        """Close the display, and print what follows."""
         self._progress.stop()
         super().end()

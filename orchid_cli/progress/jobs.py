@@ -37,13 +37,13 @@ class _Display(JobProgress):
         self._count = len(jobs)
 
     def restarted(self, job: Job, error: str) -> None:
-        """Say so."""
+        """Print that a job is run once more, and why."""
         print_line(
             self._out, f"{job.name}: {error}; it is run once more and goes on where it stopped"
         )
 
     def stopping(self, running: int) -> None:
-        """Say so."""
+        """Print that a stop was asked for, and what it waits for."""
         jobs = "1 job saves what it has" if running == 1 else f"{running} jobs save what they have"
         what = f": {jobs}; once more stops at once" if running else ""
         print_line(self._out, f"stopping{what}")
@@ -76,7 +76,7 @@ class LineJobProgress(_Display):
         print_line(self._out, f"{overview.fraction_done:.0%}: {', '.join(names)}{left}")
 
     def ended(self, end: JobEnd) -> None:
-        """Say how."""
+        """Print how the job ended."""
         if end.status != "not started":
             self._ended += 1
             print_line(self._out, f"{_end_text(end)}; {self._ended} of {self._count}")

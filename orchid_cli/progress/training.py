@@ -46,7 +46,7 @@ class _Display(Reporter):
         rows: Sequence[Row],
         reset_episodes: Sequence[int],
     ) -> None:
-        """Take the time, and say which run this is."""
+        """Note the time, and print which run this is."""
         self._config = config
         self._rows, self._resets = list(rows), list(reset_episodes)
         self._rows_before = len(rows)
@@ -64,7 +64,7 @@ class _Display(Reporter):
 
     @property
     def _new_rows(self) -> int:
-        """Since the run was resumed."""
+        """Seconds since the run began or was resumed."""
         return len(self._rows) - self._rows_before
 
     def _steps_per_s(self) -> float:

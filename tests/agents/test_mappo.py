@@ -337,6 +337,6 @@ def test_defaults_are_the_configurations():
     shapes = [[p.shape for p in model.policy.parameters()] for model in (by_hand, configured)]
     assert shapes[0] == shapes[1]
     callback, reset = ResetAndFinetune(), build_reset_and_finetune(config)
-    for name in ("window", "tolerance_jfi", "tolerance_reward", "kappa", "max_resets"):
+    for name in ("window", "tolerances", "kappa", "max_resets"):
         assert getattr(callback, name) == getattr(reset, name), name
     assert ProgressSchedules(1).entropy_coef == config.ppo.entropy_coef

@@ -82,6 +82,12 @@ def test_as_many_uavs_as_corners_have_room_for_a_random_start():
     assert Parameters().with_overrides(corners).deployment.init == "random"
 
 
+@pytest.mark.parametrize("apart_m", [1.5e-198, 5e-324])
+def test_a_random_start_may_be_as_narrow_as_numbers_are(apart_m):
+    overrides = {"deployment.init": "random", "uav.min_separation_m": apart_m}
+    assert Parameters().with_overrides(overrides).uav.min_separation_m == apart_m
+
+
 def test_total_bandwidth_is_divided_among_the_uavs():
     assert Parameters().with_overrides({"total_bandwidth_hz": 60e6}).bandwidth_hz == 10e6
     ten = Parameters().with_overrides({"total_bandwidth_hz": 60e6, "uav_count": 10})

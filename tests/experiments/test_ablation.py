@@ -325,8 +325,8 @@ class TestStatistics:
                     fired.append(end)
             expected = (1, 1, fired[0]) if fired else (1, 0, None)
             assert (row.runs, row.fired, row.median_episode) == expected
-            callback = ResetAndFinetune(window, tolerance, tolerance)
-            callback.model = SimpleNamespace(optimizers=[], learning_rate_scale=1.0)
+            callback = ResetAndFinetune(window, tolerance, tolerance, clear_optimizer=False)
+            callback.model = SimpleNamespace(learning_rate_scale=1.0)
             callback._on_episodes(runs[0])
             assert callback.reset_episodes == fired[:1]
 

@@ -56,7 +56,7 @@ def test_every_number_of_ppo_is_used():
 def test_every_number_of_the_reset_is_used():
     callback = build_reset_and_finetune(UNUSUAL)
     assert callback.window == 7
-    assert (callback.tolerance_jfi, callback.tolerance_reward) == (0.01, 0.02)
+    assert callback.tolerances == {"rate_jfi": 0.01, "reward": 0.02}
     assert (callback.kappa, callback.max_resets) == (0.1, 3)
     off = UNUSUAL.model_copy(update={"reset": UNUSUAL.reset.model_copy(update={"enabled": False})})
     assert build_reset_and_finetune(off) is None
