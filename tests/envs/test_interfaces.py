@@ -1,4 +1,4 @@
-"""The environment's faces: conformance suites, and the same numbers on every path."""
+"""The environment's interfaces: conformance suites, and the same numbers on every path."""
 
 import json
 import math
