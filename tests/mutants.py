@@ -154,8 +154,8 @@ MUTANTS = [
     Mutant(
         "a trigger that either metric fires",
         "callbacks/reset_and_finetune.py",
-        "        and relative_change(reward, window) < tolerance_reward",
-        "        or relative_change(reward, window) < tolerance_reward",
+        "return all(\n        len(series[name])",
+        "return any(\n        len(series[name])",
         "callbacks/test_reset_and_finetune.py",
     ),
     Mutant(
@@ -252,8 +252,8 @@ MUTANTS = [
     Mutant(
         "a resume that forgets the windows of the trigger",
         "callbacks/reset_and_finetune.py",
-        'self._jfi = [float(value) for value in state["rate_jfi"]]',
-        "pass",
+        "name: [float(value) for value in windows[name]] for name in self.tolerances",
+        "name: [] for name in self.tolerances",
         "experiments/test_resume.py",
     ),
     Mutant(
