@@ -1,4 +1,4 @@
-"""What happens while training."""
+"""Callbacks that act during training."""
 
 from orchid_uav.callbacks.checkpoints import Checkpoints, StoppedError
 from orchid_uav.callbacks.episode_log import EpisodeLog

@@ -1,4 +1,4 @@
-"""When the state of a run is saved, and stopping so that nothing is lost."""
+"""Decides when a run's state is saved, and stops a run so that nothing is lost."""
 
 from collections.abc import Callable
 
@@ -6,21 +6,24 @@ from orchid_uav.callbacks.episodes import Episode, EpisodeCallback
 
 
 class StoppedError(Exception):
-    """Ends ``learn`` between two rollouts: a slot more could end an episode without its update."""
+    """Ends ``learn`` between two rollouts.
+
+    One more slot could end an episode that is then never followed by its update.
+    """
 
 
 class Checkpoints(EpisodeCallback):
-    """Has the state saved every few episodes, at the end, and when a stop is asked for.
+    """Saves the state every few episodes, at the end, and when a stop is requested.
 
-    Always between two rollouts: the update on the last one is done and the buffer is empty, so the
-    state is small and whole. A stop that is asked for follows the update that the rollout in
-    progress leads to, as a :class:`StoppedError`. List it last, so that all other callbacks have
-    acted.
+    It always saves between two rollouts: the update on the last rollout is done and the buffer is
+    empty, so the state is small and complete. When a stop is requested, the rollout in progress
+    and its update are finished first; then :class:`StoppedError` is raised. List this callback
+    last, so that all others have acted before it saves.
 
     Args:
         every: episodes from one save to the next.
         save: saves the state, given how many episodes are done.
-        is_stop_requested: whether training is to end.
+        is_stop_requested: tells whether training is to stop.
     """
 
     def __init__(

@@ -9,11 +9,11 @@ Row = dict[str, float]
 
 
 class EpisodeLog(EpisodeCallback):
-    """Hands the rows of ``episodes.csv`` to a sink after each update.
+    """Passes the rows of ``episodes.csv`` to a sink after each update.
 
     A row holds the episode's number (from 1) and metrics, the learning rates in force after it,
-    the entropy coefficient of the update on it, and whether it triggered a reset. List it behind
-    ``reset_and_finetune`` and before :class:`ProgressSchedules`.
+    the entropy coefficient of the update on it, and whether it triggered a reset. List this callback
+    after ``reset_and_finetune`` and before :class:`ProgressSchedules`.
 
     Args:
         sink: called with the new rows.

@@ -1,4 +1,4 @@
-"""Callbacks that act when episodes have ended and the policy was updated on them."""
+"""The base of callbacks that act once episodes have ended and the policy was updated on them."""
 
 from collections.abc import Mapping
 from typing import Any, Protocol, cast
@@ -10,7 +10,7 @@ Episode = dict[str, float]
 
 
 class Learner(Protocol):
-    """What the callbacks here use of a model besides SB3's own interface."""
+    """The part of a model that these callbacks use, beyond SB3's own interface."""
 
     ent_coef: float
     learning_rate_scale: float
@@ -18,16 +18,17 @@ class Learner(Protocol):
 
     @property
     def learning_rates(self) -> tuple[float, float]:
-        """The actor's and the critic's learning rates in force."""
+        """The current learning rates of the actor and of the critic."""
 
 
 class EpisodeCallback(BaseCallback):
-    """Calls :meth:`_on_episodes` once per update, after it, with the episodes that led to it.
+    """Calls :meth:`_on_episodes` once after each update, with the episodes that it learned from.
 
-    SB3 has no hook behind an update; the start of the next rollout and the end of training are the
-    first moments after it. Episodes are ordered by finishing time, then world (decision M33).
-    Where several such callbacks are listed, each acts on its turn: Reset-and-Finetune before the
-    log that records it, the log before the schedules that move on.
+    SB3 has no hook that follows an update; the start of the next rollout and the end of training
+    are the first moments after it. Episodes are ordered by finishing time, then world (decision
+    M33). Several such callbacks act in the order in which they are listed: Reset-and-Finetune
+    before the log that records its resets, and the log before the schedules that change the
+    coefficients it records.
     """
 
     def __init__(self, verbose: int = 0) -> None:
@@ -41,7 +42,7 @@ class EpisodeCallback(BaseCallback):
         return cast(Learner, self.model)
 
     def _on_episodes(self, episodes: list[Episode]) -> None:
-        """Handle new episodes; ``episodes_done`` counts the ones before them."""
+        """Handle new episodes; ``episodes_done`` counts those before them."""
         raise NotImplementedError
 
     def state(self) -> dict[str, Any]:

@@ -14,9 +14,10 @@ LOWEST_RATE_SCALE = 0.01
 
 
 def relative_change(series: Sequence[float], window: int) -> float:
-    """Change of the mean over the last ``window`` numbers against that over the window before.
+    """Relative change from the mean of the window before to that of the last ``window`` numbers.
 
-    |new - old| / max(|old|, 1e-8) (decision M21), so it is defined for negative and zero means.
+    It is |new - old| / max(|old|, 1e-8) (decision M21), which is defined for negative and zero
+    means as well.
     """
     new = sum(series[-window:]) / window
     old = sum(series[-2 * window : -window]) / window

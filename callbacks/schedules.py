@@ -1,14 +1,14 @@
-"""What changes with training progress tau = episodes finished / episodes in all (decision M9)."""
+"""Schedules over training progress tau = finished episodes / all episodes (decision M9)."""
 
 from orchid_uav.callbacks.episodes import Episode, EpisodeCallback
 from orchid_uav.envs.reward import linear_schedule
 
 
 class _Schedule(EpisodeCallback):
-    """Calls :meth:`_move_to` at the beginning and after every update.
+    """Calls :meth:`_move_to` at the beginning of training and after every update.
 
     Args:
-        episodes: episodes in all, E_max; after them everything stays as it is then.
+        episodes: number of episodes E_max over which progress grows from 0 to 1, where it stays.
     """
 
     def __init__(self, episodes: int) -> None:
@@ -34,8 +34,8 @@ class LearningRateDecay(_Schedule):
     List it before :class:`EpisodeLog`, which records the rates in force after an episode.
 
     Args:
-        episodes: as of all schedules.
-        final_scale: factor on the learning rates at progress 1, from 1 at 0.
+        episodes: number of episodes E_max over which progress grows from 0 to 1.
+        final_scale: factor on the learning rates at progress 1; at progress 0 it is 1.
     """
 
     def __init__(self, episodes: int, final_scale: float = 1.0) -> None:
@@ -47,13 +47,13 @@ class LearningRateDecay(_Schedule):
 
 
 class ProgressSchedules(_Schedule):
-    """Moves the environment's weights and the entropy coefficient on.
+    """Updates the environment's reward weights and the entropy coefficient.
 
-    List it behind :class:`EpisodeLog`, which records the coefficient of the update.
+    List it after :class:`EpisodeLog`, which records the coefficient that the update used.
 
     Args:
-        episodes: as of all schedules.
-        entropy_coef: coefficient c_e at progress 0 and 1; None leaves the model's as it is.
+        episodes: number of episodes E_max over which progress grows from 0 to 1.
+        entropy_coef: coefficient c_e at progress 0 and 1; None leaves the model's unchanged.
     """
 
     def __init__(
