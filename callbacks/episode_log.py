@@ -12,8 +12,8 @@ class EpisodeLog(EpisodeCallback):
     """Passes the rows of ``episodes.csv`` to a sink after each update.
 
     A row holds the episode's number (from 1) and metrics, the learning rates in force after it,
-    the entropy coefficient of the update on it, and whether it triggered a reset. List this callback
-    after ``reset_and_finetune`` and before :class:`ProgressSchedules`.
+    the entropy coefficient of the update on it, and whether it triggered a reset. List this
+    callback after ``reset_and_finetune`` and before :class:`ProgressSchedules`.
 
     Args:
         sink: called with the new rows.

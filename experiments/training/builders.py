@@ -1,4 +1,4 @@
-"""The learner and the callbacks of a configuration."""
+"""Builds the learner and the Reset-and-Finetune callback of a configuration."""
 
 import numpy as np
 import torch
@@ -12,12 +12,12 @@ from orchid_uav.experiments.configuration import RunConfig
 
 
 def build_model(config: RunConfig, env: FleetVecEnv) -> MAPPO | MADDPG:
-    """The learner of a configuration; making it seeds the worlds of ``env``, as SB3 does it."""
+    """Build the learner of a configuration; SB3 seeds the worlds of ``env`` as it does so."""
     return _build_maddpg(config, env) if is_maddpg(config) else _build_mappo(config, env)
 
 
 def is_maddpg(config: RunConfig) -> bool:
-    """Whether the learner is MADDPG, which has no entropy bonus; else it is MAPPO."""
+    """Whether the learner is MADDPG, which has no entropy bonus; otherwise it is MAPPO."""
     return config.training.algorithm == "maddpg"
 
 
@@ -72,7 +72,7 @@ def _build_maddpg(config: RunConfig, env: FleetVecEnv) -> MADDPG:
 
 
 def build_reset_and_finetune(config: RunConfig) -> ResetAndFinetune | None:
-    """The callback of a configuration, None with ``--no-rf``."""
+    """Build the callback of a configuration; None with ``--no-rf``."""
     reset = config.reset
     if not reset.enabled:
         return None
@@ -88,30 +88,30 @@ def build_reset_and_finetune(config: RunConfig) -> ResetAndFinetune | None:
 
 
 def _random_episodes(config: RunConfig) -> list[int]:
-    """Episodes at which a plateau could be seen, and after which there is something to learn.
+    """Draw episodes at which a plateau could be seen and after which training still goes on.
 
-    As far from each other as resets at plateaus are at least.
+    They are at least 2W apart, as resets at plateaus are.
     """
     distance, last = 2 * config.reset.window, schedule_episodes(config) - 1
     count = min(config.reset.max_resets, last // distance)
     generator = np.random.default_rng([config.training.seed, RANDOM_RESETS_STREAM])
-    # Drawn where only numbers of their own are needed, and then moved apart.
+    # Draw distinct numbers from a shortened range, then move them apart by the least distance.
     choices = np.arange(distance, last + 1 - (count - 1) * (distance - 1))
     drawn = np.sort(generator.choice(choices, count, replace=False))
     return (drawn + np.arange(count) * (distance - 1)).tolist()
 
 
 def schedule_episodes(config: RunConfig) -> int:
-    """Episodes over which schedules run: those first planned, also of a run that was extended."""
+    """Episodes over which schedules run: those planned at first, even if the run was extended."""
     return config.training.schedule_episodes or config.training.episodes
 
 
 def set_up_torch(threads: int) -> None:
-    """Threads of this process, and no denormal numbers.
+    """Set the number of threads of this process, and turn denormal numbers off.
 
-    Adam's averages of vanishing gradients decay into denormals, on which the processor computes
-    several times slower: without this the updates of a run take up to half longer (see
-    docs/performance.md). The numbers are below 1e-38.
+    Adam's averages of vanishing gradients decay into denormals, numbers below 1e-38, with which
+    the processor computes several times slower. If they are kept, the updates of a run take up to
+    half as long again (see docs/performance.md).
     """
     torch.set_num_threads(threads)
     torch.set_flush_denormal(True)

@@ -1,4 +1,4 @@
-"""``checkpoints/<episode>/`` of a run directory: written whole, checked before they are used."""
+"""The checkpoints ``checkpoints/<episode>/`` of a run, written whole and checked before use."""
 
 import hashlib
 import re
@@ -32,8 +32,8 @@ class CheckpointStore:
     Args:
         run: the run's directory.
         run_id: the run's id, which every checkpoint names.
-        keep: latest checkpoints that stay.
-        former_ids: which those name that are older than the id.
+        keep: how many of the latest checkpoints are kept.
+        former_ids: the run's earlier ids, which older checkpoints name.
     """
 
     def __init__(self, run: Path, run_id: str, keep: int, former_ids: Collection[str] = ()) -> None:
@@ -43,32 +43,32 @@ class CheckpointStore:
         self._keep = keep
 
     def episodes(self) -> list[int]:
-        """After which episodes there is one, latest first."""
+        """The episodes after which there is a checkpoint, latest first."""
         return sorted(self._places(), reverse=True)
 
     def _places(self) -> dict[int, Path]:
-        """Where they are: one may lie aside, left by a process that died as it replaced it."""
-        if self.folder.is_symlink():  # what is removed here would be removed elsewhere
-            raise InputError(f"{self.folder} is a link, and checkpoints are removed with time")
+        """The folder of each; one may lie aside, left by a process that died while replacing it."""
+        if self.folder.is_symlink():  # removing checkpoints would remove files elsewhere
+            raise InputError(f"{self.folder} is a link, and old checkpoints in it would be removed")
         if not self.folder.is_dir():
             return {}
         places = {}
-        for path in sorted(self.folder.iterdir()):  # those aside first: their names begin with "."
+        for path in sorted(self.folder.iterdir()):  # those aside come first, with a "."
             name = _PLACE.fullmatch(path.name)
             if name and path.is_dir():
                 places[int(name[1] or name[2])] = path
         return places
 
     def save(self, episode: int, state: TrainingState, log: tuple[int, str]) -> None:
-        """Write a checkpoint, in one step for whoever looks, and remove those too many.
+        """Write a checkpoint, which appears in one step, and remove those beyond ``keep``.
 
         Args:
-            episode: episodes done.
-            state: of the training.
+            episode: number of finished episodes.
+            state: the state of the training.
             log: size and SHA-256 of ``episodes.csv``.
 
         Raises:
-            OSError: it cannot be written; the others are untouched.
+            OSError: the checkpoint cannot be written; the others are untouched.
         """
         if not self.folder.is_dir():
             self.folder.mkdir()
@@ -108,14 +108,14 @@ class CheckpointStore:
         self._remove_leftovers()
 
     def _remove(self, episode: int) -> None:
-        """Not file by file under its own name: whoever looks would find it damaged."""
+        """Rename a checkpoint, then delete it: nobody finds half of it under its own name."""
         gone = self.folder / f".{episode}.gone"
         with suppress(OSError):
             (self.folder / str(episode)).rename(gone)
         shutil.rmtree(gone, ignore_errors=True)
 
     def _remove_leftovers(self) -> None:
-        """What a process left that died while it wrote, removed or, put back, replaced one."""
+        """Clean up after a process that died: put back a checkpoint set aside, remove the rest."""
         places = {path: episode for episode, path in self._places().items()}
         for path in list(self.folder.iterdir()):
             if not _LEFTOVER.fullmatch(path.name):
@@ -126,14 +126,14 @@ class CheckpointStore:
                 shutil.rmtree(path, ignore_errors=True)
 
     def read(self, episode: int, specs: Callable[[Mapping[str, Any]], Specs]) -> TrainingState:
-        """A checkpoint as it was written.
+        """Read a checkpoint and check it.
 
         Args:
             episode: its number.
-            specs: gives shapes and types of all tensors, by file and name, for a document.
+            specs: gives the shapes and types of all tensors of a document, by file and name.
 
         Raises:
-            InputError: it is damaged, or belongs to something else.
+            InputError: the checkpoint is damaged, or belongs to another run.
         """
         directory = self._places().get(episode, self.folder / str(episode))
         try:
@@ -156,7 +156,7 @@ class CheckpointStore:
         return TrainingState(document, tensors)
 
     def forget_later_than(self, episode: int) -> None:
-        """Remove checkpoints behind one that the run goes on from."""
+        """Remove the checkpoints that are later than the one that the run resumes from."""
         self._remove_leftovers()
         for other in self.episodes():
             if other > episode:
@@ -164,7 +164,7 @@ class CheckpointStore:
 
 
 STATE_ERRORS = (LookupError, TypeError, ValueError, ArithmeticError, AttributeError, RuntimeError)
-"""What a state that belongs to something else may raise when it is looked at."""
+"""Errors that reading or restoring the state of something else may raise."""
 
 
 def _file(name: str) -> str:

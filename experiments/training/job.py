@@ -1,6 +1,6 @@
-"""A training run as a job: found if it is there, gone on with if it stopped, else begun.
+"""A training run as a job: a complete run is found, a stopped one resumed, else one is begun.
 
-``python -m orchid_uav.experiments.training.job FILE`` is what other processes start.
+Other processes start it as ``python -m orchid_uav.experiments.training.job FILE``.
 """
 
 import gc
@@ -35,62 +35,62 @@ from orchid_uav.storage.files import read_document, write_json
 
 @dataclass(frozen=True)
 class TrainingJob:
-    """A run that is to be there, complete, in the end.
+    """A run that shall exist and be complete in the end.
 
-    Its name, seed and configuration say which run it is, so that it can be asked for again.
+    Its name, seed and configuration identify the run, so that the same job finds it again.
     """
 
     name: str
     config: RunConfig
     runs_dir: Path
     command: tuple[str, ...]
-    """What the user called; for the run's record."""
+    """The command that the user called; it goes into the run's record."""
 
     @property
     def key(self) -> str:
-        """Name and seed."""
+        """The name and the seed, joined."""
         return f"{self.name}-s{self.config.training.seed}"
 
     def find(self) -> Path | None:
-        """The run's directory, None if it has not begun; of several a complete or the newest."""
+        """The run's directory, or None; of several, a complete one or else the newest."""
         if not self.runs_dir.is_dir():
             return None
         pattern = re.compile(rf"\d{{8}}T\d{{6}}Z-{re.escape(self.key)}-[a-z]{{4}}")
         named = [path for path in self.runs_dir.iterdir() if pattern.fullmatch(path.name)]
         found = []
         for path in sorted(named, reverse=True):
-            with suppress(InputError):  # begun and killed before there was a record, or damaged
+            with suppress(InputError):  # killed before it had a record, or damaged
                 record = read_record(path)
                 if read_config(path, record) == self.config:
                     found.append((record.status != "completed", path))
         return min(found, key=lambda one: one[0])[1] if found else None
 
     def status(self) -> SeenStatus | Literal["not begun"]:
-        """How far the run is."""
+        """The run's status."""
         path = self.find()
         return "not begun" if path is None else status_of(path, read_record(path))
 
     def completed(self) -> Path | None:
-        """The run's directory if it is complete."""
+        """The run's directory if the run is complete, else None."""
         path = self.find()
         return path if path and read_record(path).status == "completed" else None
 
     def as_job(self, folder: Path, cost: float = 1.0) -> Job:
-        """The process that runs it; its order and log are kept in ``folder``."""
+        """Describe the process that trains the run; its order and log are kept in ``folder``."""
         order = folder / f"{self.key}.json"
         write_json(
             order,
             {
                 "name": self.name,
                 "config": self.config.model_dump(mode="json"),
-                # Not absolute: a name above may be no text that JSON could hold.
+                # Not absolute: a folder above may have a name that is not valid text for JSON.
                 "runs_dir": os.path.relpath(self.runs_dir.resolve(), folder.resolve()),
                 "command": list(self.command),
             },
         )
         return Job(
             name=self.key,
-            # -P: a user's own statistics.py in the current directory is not the library's.
+            # -P: a statistics.py in the user's working directory must not replace the library's.
             command=(sys.executable, "-P", "-m", "orchid_uav.experiments.training.job", str(order)),
             log=folder / f"{self.key}.log",
             fraction_done=_FractionDone(self),
@@ -99,10 +99,10 @@ class TrainingJob:
 
     @classmethod
     def read(cls, order: Path) -> "TrainingJob":
-        """The job of a file that :meth:`as_job` wrote.
+        """Read a job from a file that :meth:`as_job` wrote.
 
         Raises:
-            InputError: it is not such a file.
+            InputError: the file is not one of those.
         """
         try:
             document = read_document(order)
@@ -117,7 +117,7 @@ class TrainingJob:
 
 
 class _FractionDone:
-    """How much of a run is done, in episodes, from the rows of its log."""
+    """Tells which fraction of a run's episodes is done, from the rows of its log."""
 
     def __init__(self, job: TrainingJob) -> None:
         self._job = job
@@ -133,10 +133,10 @@ class _FractionDone:
 
 
 class _Log(Reporter):
-    """Says where the run begins; all that is printed goes to the job's log."""
+    """Prints the episode from which the run goes on; the output goes to the job's log."""
 
     def begin(self, run: Any, config: Any, rows: Sequence[Any], reset_episodes: Any) -> None:
-        """Say where the run begins."""
+        """Print the run's id and the episode from which it goes on."""
         print(f"run {run.id} from episode {len(rows) + 1} on", flush=True)
 
 
@@ -144,11 +144,11 @@ def run_one(job: TrainingJob) -> int:
     """Complete the run: begin it, go on where it stopped, or do nothing if it is complete.
 
     Returns:
-        0, or 130 where it was interrupted and what is done is kept.
+        0, or 130 if it was interrupted; what was done is then kept.
 
     Raises:
-        InputError: the run cannot be begun or gone on with.
-        RunFailedError: it failed.
+        InputError: the run cannot be begun or resumed.
+        RunFailedError: the run failed.
     """
     # Imported here because the process that starts jobs needs neither torch nor SB3.
     from orchid_uav.experiments.runs.directory import RunDirectory
@@ -169,7 +169,7 @@ def run_one(job: TrainingJob) -> int:
 
 
 def _stop_with_parent() -> None:
-    """The end of standard input is the parent's: stop as if it had asked for it."""
+    """Stop when standard input ends, which means that the parent process has ended."""
 
     def wait() -> None:
         while os.read(0, 1024):
@@ -180,7 +180,7 @@ def _stop_with_parent() -> None:
 
 
 def main() -> int:
-    """Run the job of the file named on the command line."""
+    """Run the job whose file is named on the command line."""
     show_on_stderr()
     if "ORCHID_JOB" in os.environ:
         _stop_with_parent()

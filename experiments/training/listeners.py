@@ -1,17 +1,17 @@
-"""What is told of a run while it goes on: base classes whose hooks do nothing."""
+"""Base classes of what follows a run while it trains; their hooks do nothing."""
 
 import sys
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-# A process that only starts jobs needs none of them.
+# A process that only starts jobs must not import these.
 if TYPE_CHECKING:
     from orchid_uav.experiments.configuration import RunConfig
     from orchid_uav.experiments.runs.directory import Row, RunDirectory
 
 
 class Reporter:
-    """Shows a run to people; this one says nothing but warnings."""
+    """Shows a run to people; this base class only prints warnings."""
 
     def begin(
         self,
@@ -20,13 +20,13 @@ class Reporter:
         rows: "Sequence[Row]",
         reset_episodes: Sequence[int],
     ) -> None:
-        """The learning loop is about to begin, or to go on behind the rows of before."""
+        """The learning loop is about to begin, or to go on after the given earlier rows."""
 
     def show(self, rows: "Sequence[Row]", reset_episodes: Sequence[int]) -> None:
-        """New episodes have been learned from."""
+        """The learner has been updated on new episodes."""
 
     def warn(self, message: str) -> None:
-        """The user should know this, and the run survives it; it is printed on stderr."""
+        """Print on stderr something that the user should know and that does not end the run."""
         print(f"warning: {message}", file=sys.stderr, flush=True)
 
     def end(self) -> None:
@@ -34,13 +34,13 @@ class Reporter:
 
 
 class Tracker:
-    """Exports a run's metrics to another program; this one exports nothing."""
+    """Exports a run's metrics to another program; this base class exports nothing."""
 
     def resume(self, episodes: int) -> None:
-        """The run goes on behind so many episodes, which another process logged."""
+        """The run goes on after this many episodes, which another process logged."""
 
     def log(self, episode: int, metrics: Mapping[str, float]) -> None:
-        """An episode has been learned from."""
+        """The learner has been updated on an episode."""
 
     def close(self, status: str) -> None:
         """The run has ended."""

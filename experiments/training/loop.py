@@ -57,10 +57,10 @@ class TrainingOutcome:
     rows: list[Row] = field(default_factory=list)
     reset_episodes: list[int] = field(default_factory=list)
     is_restored: bool = True
-    """False until what a resumed run has achieved is known again."""
+    """False while a resumed run has not yet read back what it had achieved."""
 
     def finish(self, status: Status, error: str | None = None) -> None:
-        """Record how the run ended."""
+        """Record how the run ended, with its results if they are known."""
         self.status = status
         if self.is_restored:
             self.run.finish(status, self.rows, self.reset_episodes, self.seconds, error)
@@ -97,19 +97,20 @@ def train(
 ) -> TrainingOutcome:
     """Train to the end, or until a signal asks to stop, and leave a complete run directory.
 
-    A run that was reopened goes on from its latest checkpoint that is not damaged, or from its
-    beginning where there is none, and becomes the run that it would have been.
+    A reopened run goes on from its latest undamaged checkpoint, or from the beginning if it has no
+    checkpoint. Its results are those that it would have had without the interruption.
 
     Args:
         config: what to train.
         run: the run's directory, newly made or reopened.
         reporter: shows the run.
-        trackers: exporters of its figures.
-        interruption: of a caller who notes signals already; by default they are noted here.
+        trackers: exporters of its metrics.
+        interruption: given by a caller that already handles signals; by default they are handled
+            here.
 
     Raises:
         RunFailedError: training could not go on; the run's status is "failed".
-        KeyboardInterrupt: an urgent ctrl-C, which does not wait for an update or a checkpoint.
+        KeyboardInterrupt: a second, urgent ctrl-C, which waits for no update and no checkpoint.
     """
     outcome = TrainingOutcome(run, is_restored=not run.is_resumed)
     try:
@@ -126,7 +127,7 @@ def train(
         raise
     except Exception as error:
         reason = _in_one_line(error)
-        # A full disk may be the very failure, and then this cannot be recorded either.
+        # If a full disk caused the failure, it may not be possible to record it either.
         with suppress(OSError):
             outcome.finish("failed", reason)
         if not outcome.is_restored:
@@ -137,14 +138,14 @@ def train(
             f"run {run.id} failed after {len(outcome.rows)} episodes: {reason} ({kept})"
         ) from error
     finally:
-        run.release()  # where the end could not be recorded, it holds the lock still
+        run.release()  # the lock is still held if the end could not be recorded
         for tracker in trackers:
             tracker.close(outcome.status)
     return outcome
 
 
 def _in_one_line(error: Exception) -> str:
-    is_ours = isinstance(error, InputError | RunFailedError)  # whose message is for people
+    is_ours = isinstance(error, InputError | RunFailedError)  # their messages are meant for people
     plain = _ESCAPE_CODE.sub("", in_one_line(error) if is_ours else kind_and_reason(error))
     text = " ".join(plain.split())
     return text if len(text) <= _LONGEST_REASON else text[:_LONGEST_REASON] + " ..."
@@ -157,9 +158,12 @@ def _learn(
     trackers: Sequence[SafeTracker],
     interruption: Interruption,
 ) -> MAPPO | MADDPG:
+    """Build the learner, restore it if the run is resumed, and train it; ``outcome`` is kept up."""
     set_up_torch(config.training.threads)
     run = outcome.run
     _compile(config)
+    # The worlds get no seed of their own: SB3 seeds them when it builds the model, together with
+    # torch, NumPy and Python. A second seed here would only be overwritten.
     env = FleetVecEnv(config.network_parameters, config.training.worlds, seed=None)
     model = build_model(config, env)  # SB3 seeds torch and the worlds here, and nobody else does
     model.set_logger(Logger(folder=None, output_formats=[]))
@@ -197,18 +201,21 @@ def _learn(
     training = Training(model, env, callbacks)
     # Everything is built, and so has drawn its first random numbers, before a state is restored.
     if run.is_resumed:
+        # Everything exists by now, so that the checkpoint overwrites what building it has set. The
+        # generators come last in `Training.restore`: building and restoring may draw from them.
         outcome.rows = _go_back(training, checkpoints, run, reporter)
         if reset_and_finetune is not None:
             outcome.reset_episodes = reset_and_finetune.reset_episodes
         outcome.seconds = run.record.seconds
-        outcome.is_restored = True
+        outcome.is_restored = True  # from here on, a failure is recorded with these results
         for tracker in trackers:
             tracker.resume(len(outcome.rows))
+    # SB3 counts the rows of all agents as timesteps.
     rows_per_episode = config.network.episode_slots * env.agents_per_world
     reporter.begin(run, config, outcome.rows, outcome.reset_episodes)
     started = time.perf_counter() - outcome.seconds
     try:
-        with suppress(StoppedError):
+        with suppress(StoppedError):  # a requested stop; the checkpoint was saved before it
             model.learn(
                 # SB3 adds what was flown before to the steps that it is asked for.
                 config.training.episodes * rows_per_episode - model.num_timesteps,
@@ -225,12 +232,12 @@ def _learn(
 def _go_back(
     training: Training, checkpoints: CheckpointStore, run: RunDirectory, reporter: Reporter
 ) -> list[Row]:
-    """Restore the latest checkpoint that is whole; the rows of the episodes up to it."""
+    """Restore the latest undamaged checkpoint and return the rows of the episodes up to it."""
     for episode in checkpoints.episodes():
         try:
             state = checkpoints.read(episode, training.specs)
             training.restore(state)
-            # Last: from here on, the log of a later checkpoint is gone.
+            # Last, since this cuts off the part of the log that a later checkpoint would need.
             rows = run.keep_episodes(state.document["log_size"], state.document["log_sha256"])
             if len(rows) != episode:
                 raise ValueError(f"its log has {len(rows)} episodes")

@@ -1,4 +1,4 @@
-"""All that the rest of a training run depends on, taken and given back."""
+"""The complete state of a training run: taken to be saved, and restored."""
 
 import base64
 import json
@@ -22,18 +22,18 @@ class TrainingState(NamedTuple):
     """The state of a run between two rollouts."""
 
     document: dict[str, Any]
-    """What is written as JSON."""
+    """The part that is written as JSON."""
     tensors: dict[str, Tensors]
-    """By the name of the file that they belong in."""
+    """Tensors by the name of the file that they are written to."""
 
 
 class Training:
-    """A learner, its worlds and its callbacks, whose state can be taken and given back.
+    """A learner, its worlds and its callbacks, whose state can be taken and restored.
 
     Args:
-        model: set up for ``env``.
+        model: the learner, built for ``env``.
         env: the worlds.
-        callbacks: those that remember something, always in the same order.
+        callbacks: those that have a state, always in the same order.
     """
 
     def __init__(
@@ -62,7 +62,7 @@ class Training:
         return TrainingState(document, {**tensors, _WORLDS: arrays})
 
     def specs(self, document: Mapping[str, Any]) -> dict[str, dict[str, TensorSpec]]:
-        """Shapes and types of the tensors that belong to a state's document, by file and name."""
+        """Shapes and types of the tensors that belong to a document, by file and name."""
         _, arrays = self.env.world.state()
         worlds = {name: TensorSpec.of(array) for name, array in arrays.items()}
         return self.model.training_state_specs(document["learner"]) | {_WORLDS: worlds}
@@ -71,7 +71,7 @@ class Training:
         """Take over a state that :meth:`state` of a training with the same configuration gave.
 
         Raises:
-            LookupError, TypeError, ValueError: the state is that of something else.
+            LookupError, TypeError, ValueError: the state belongs to something else.
         """
         document, tensors = state
         self.model.restore_training_state(document["learner"], tensors)
@@ -84,9 +84,9 @@ class Training:
         self.model._last_obs = rows
         is_start = self.env.world.arrays.slot == 0
         self.model._last_episode_starts = np.repeat(is_start, self.env.agents_per_world)
-        # Last: whatever came before may have drawn from them.
+        # Last, since the lines above may have drawn from them.
         _restore_generators(document["generators"], self.model.device)
-        # What is missing, or of another type, is in force as something else than what was written.
+        # A value that was missing or of another type shows here, as it reads back differently.
         for key, value in self.state().document.items():
             if _canonical(value) != _canonical(document[key]):
                 raise ValueError(f"its {key} are not what a run has")
@@ -113,7 +113,7 @@ def _restore_generators(states: Mapping[str, Any], device: torch.device) -> None
     version, words, following = states["python"]
     random.setstate((version, tuple(words), following))
     name, keys, *rest = states["numpy"]
-    if not 0 <= rest[0] <= len(keys):  # which NumPy takes on trust
+    if not 0 <= rest[0] <= len(keys):  # NumPy does not check this itself
         raise ValueError(f"NumPy's generator has no number {rest[0]}")
     np.random.set_state((name, np.array(keys, np.uint32), *rest))  # noqa: NPY002
     if device.type == "cuda":

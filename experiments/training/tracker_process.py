@@ -1,8 +1,8 @@
-"""A tracker in a process of its own, which can delay no run and disturb none of its generators.
+"""A tracker in its own process, where it cannot delay a run or disturb its random generators.
 
 ``python -m orchid_uav.experiments.training.tracker_process NAME RUN`` is that process. It reads
-orders from its standard input, a JSON document a line, and ends with it, whatever became of the
-run.
+orders from its standard input, one JSON document per line. It ends when its standard input ends,
+however the run ended.
 """
 
 import json
@@ -24,29 +24,29 @@ from orchid_uav.experiments.training.listeners import Tracker
 from orchid_uav.notices import in_one_line
 
 _SECONDS_AT_THE_END = 5.0
-"""A run waits so long for what its tracker has not exported yet."""
+"""How long a run waits in the end for what its tracker has not exported yet."""
 _SECONDS_WITHOUT_A_WORD = 60.0
 _SECONDS_FOR_LAST_WORDS = 1.0
 _ENDED = "its process has ended"
 _MOST_WAITING = 10_000
-"""Orders that are kept for a tracker; more are a sign that it will never catch up."""
+"""The most orders kept for a tracker; with more it would never catch up."""
 _REPORT = "\x1e"
-"""A line with it is a report for us, all others are what the tracker prints for people."""
+"""Marks a line that is a report for this module; all others are the tracker's own output."""
 _IMPATIENCE = {"MLFLOW_HTTP_REQUEST_MAX_RETRIES": "1", "MLFLOW_HTTP_REQUEST_TIMEOUT": "20"}
-"""Environment of the process where the user has not chosen: by default it is seven tries of two
-minutes each."""
+"""Defaults for the environment of the process, unless the user sets these variables. MLflow's own
+defaults are seven tries of two minutes each."""
 
 
 class TrackerProcess(Tracker):
     """A tracker that never keeps its caller waiting.
 
-    Only :meth:`close` waits, for some seconds. What has gone wrong in the process is raised as
-    RunFailedError by whatever is called next.
+    Only :meth:`close` waits, for a few seconds. If something went wrong in the process, the next
+    method that is called raises RunFailedError.
 
     Args:
-        name: of the tracker.
-        run_id: under which it shows the run.
-        config: of the run.
+        name: the tracker's name.
+        run_id: the name under which the tracker shows the run.
+        config: the run's configuration.
     """
 
     def __init__(self, name: str, run_id: str, config: RunConfig) -> None:
@@ -55,7 +55,7 @@ class TrackerProcess(Tracker):
         self._last = self._exported = 0
         self._last_word_s = time.monotonic()
         self._process = subprocess.Popen(
-            # -P: a user's file in the working directory is not the module of that name.
+            # -P: a file in the user's working directory must not replace a module of that name.
             [sys.executable, "-P", "-m", __name__, name, run_id],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
@@ -65,7 +65,7 @@ class TrackerProcess(Tracker):
             errors="replace",
             bufsize=1,
             env=_IMPATIENCE | os.environ | {"PYTHONIOENCODING": "utf-8"},
-            start_new_session=True,  # a ctrl-C is for the run, which says how it ended
+            start_new_session=True,  # ctrl-C must reach only the run, which then reports its end
         )
         self._listener = threading.Thread(target=self._listen, daemon=True)
         self._listener.start()
@@ -73,7 +73,7 @@ class TrackerProcess(Tracker):
         self._order(config=config.model_dump(mode="json"))
 
     def resume(self, episodes: int) -> None:
-        """The run goes on behind so many episodes."""
+        """Tell the tracker that the run goes on after this many episodes."""
         self._order(resume=episodes)
 
     def log(self, episode: int, metrics: Mapping[str, float]) -> None:
@@ -82,7 +82,7 @@ class TrackerProcess(Tracker):
         self._last = episode
 
     def close(self, status: str) -> None:
-        """Wait for the rest, and end the process."""
+        """Wait until everything is exported, for some seconds at most, and end the process."""
         self._order(status=status)
         try:
             self._process.wait(_SECONDS_AT_THE_END)
@@ -110,7 +110,7 @@ class TrackerProcess(Tracker):
     def _end(self) -> None:
         self._process.kill()
         self._process.wait()
-        with suppress(queue.Full):  # then nobody waits for an order
+        with suppress(queue.Full):  # then the sender is not waiting for an order
             self._orders.put_nowait(None)
         self._listener.join(_SECONDS_FOR_LAST_WORDS)
 
@@ -122,7 +122,7 @@ class TrackerProcess(Tracker):
 
     def _send(self) -> None:
         assert self._process.stdin is not None
-        # Where the process has ended, the other thread hears of it.
+        # If the process has ended, the listening thread notices and says so.
         with suppress(OSError), self._process.stdin as orders:
             while (order := self._orders.get()) is not None:
                 orders.write(json.dumps(order) + "\n")
@@ -169,8 +169,8 @@ def _serve(name: str, run_id: str) -> None:
 
 
 def main() -> int:
-    """Export the metrics of a run until there is no more of it."""
-    ignore_signals()  # batch systems tell all processes; how the run ended, it says itself
+    """Export the metrics of a run until its orders end."""
+    ignore_signals()  # batch systems signal every process; the run itself says how it ended
     try:
         _serve(*sys.argv[1:3])
     except Exception as error:

@@ -1,7 +1,7 @@
 """Exporters of a run's metrics to other programs.
 
-A tracker is told of every episode and can never stop or delay a training: an error switches it off
-with a warning, and those that may have to wait for a server or a lock have a process of their own.
+A tracker gets the metrics of every episode and can never stop or delay training: an error switches
+it off with a warning, and a tracker that may wait for a server or a lock runs in its own process.
 """
 
 import importlib.util
@@ -26,8 +26,8 @@ Metrics = Mapping[str, float]
 class TensorBoardTracker(Tracker):
     """``events.out.tfevents.*`` in the run directory, one event per episode.
 
-    Written here and now, not by the thread of ``SummaryWriter``, which on a full disk dies with a
-    traceback.
+    Events are written at once and in this thread. The thread of ``SummaryWriter`` would die with a
+    traceback on a full disk.
     """
 
     def __init__(self, directory: Path) -> None:
@@ -38,10 +38,10 @@ class TensorBoardTracker(Tracker):
         self._event, self._summary = Event, Summary
         self._start = SessionLog(status=SessionLog.START)
         name = f"events.out.tfevents.{int(time.time())}.{platform.node()}.{os.getpid()}"
-        # Where the clock was set back, another process of this number may have had the name.
+        # If the clock was set back, an earlier process of the same number may have used the name.
         names = chain([name], (f"{name}.{number}" for number in count(1)))
         path = next(path for path in map(directory.joinpath, names) if not path.exists())
-        # Unbuffered: what a full disk leaves in a buffer is tried again when Python exits.
+        # Unbuffered: Python would try to write a buffer that a full disk refused again at exit.
         self._file = path.open("xb", buffering=0)
         self._records = RecordWriter(self._file)
         self._write(file_version="brain.Event:2")
@@ -71,9 +71,9 @@ class TensorBoardTracker(Tracker):
 
 
 class MlflowTracker(Tracker):
-    """An MLflow run, under the tracking URI in force (``MLFLOW_TRACKING_URI``).
+    """An MLflow run at the current tracking URI (``MLFLOW_TRACKING_URI``).
 
-    A resumed run is a run of its own in MLflow, with the same name.
+    A resumed run becomes another run in MLflow, with the same name.
     """
 
     def __init__(self, run_id: str, config: RunConfig) -> None:
@@ -85,11 +85,11 @@ class MlflowTracker(Tracker):
         mlflow.log_params(flatten(config))
 
     def log(self, episode: int, metrics: Metrics) -> None:
-        """One batch per episode."""
+        """Log the metrics of an episode as one batch."""
         self._mlflow.log_metrics(dict(metrics), step=episode)
 
     def close(self, status: str) -> None:
-        """End the run with the status that MLflow has for it."""
+        """End the run with the matching MLflow status."""
         names = {"completed": "FINISHED", "interrupted": "KILLED"}
         self._mlflow.end_run(names.get(status, "FAILED"))
 
@@ -97,7 +97,7 @@ class MlflowTracker(Tracker):
 class TrackioTracker(Tracker):
     """A run of the trackio project ``orchid`` on this machine.
 
-    A resumed run is a run of its own in trackio.
+    A resumed run becomes another run in trackio.
     """
 
     def __init__(self, run_id: str, config: RunConfig) -> None:
@@ -107,7 +107,7 @@ class TrackioTracker(Tracker):
         trackio.init(project="orchid", name=run_id, config=flatten(config))
 
     def log(self, episode: int, metrics: Metrics) -> None:
-        """One record per episode."""
+        """Log the metrics of an episode as one record."""
         self._trackio.log(dict(metrics), step=episode)
 
     def close(self, status: str) -> None:
@@ -116,16 +116,16 @@ class TrackioTracker(Tracker):
 
 
 EXPORTERS: dict[str, Any] = {"mlflow": MlflowTracker, "trackio": TrackioTracker}
-"""Makers of the trackers that need a package of others, given a run's id and configuration."""
+"""Trackers that need a third-party package; each takes a run's id and configuration."""
 TRACKERS = ("tensorboard", *EXPORTERS)
 """Names for ``--track``; TensorBoard's files are always written."""
 
 
 def check_tracker(name: str) -> None:
-    """Whether a tracker can be opened, before anything is made for it.
+    """Check that a tracker can be opened, before anything is made for it.
 
     Raises:
-        InputError: unknown, or its package cannot be imported.
+        InputError: the tracker is unknown, or its package is not installed.
     """
     if name not in TRACKERS:
         raise InputError(f"unknown tracker '{name}': known are {', '.join(TRACKERS)}")
@@ -137,15 +137,15 @@ def check_tracker(name: str) -> None:
 
 
 def _is_installed(package: str) -> bool:
-    """Without importing it: what trackers import stays in a process of its own."""
+    """Whether a package is installed. Only the tracker's own process imports it."""
     try:
         return importlib.util.find_spec(package) is not None
-    except ValueError:  # somebody has put None in its place
+    except ValueError:  # `sys.modules` holds None in its place
         return False
 
 
 def open_tracker(name: str, directory: Path, config: RunConfig) -> "SafeTracker":
-    """The tracker of that name, which passed :func:`check_tracker`; switched off if it fails."""
+    """Open a tracker that passed :func:`check_tracker`; if that fails, it stays switched off."""
     try:
         tracker: Tracker = (
             TensorBoardTracker(directory)
@@ -159,19 +159,19 @@ def open_tracker(name: str, directory: Path, config: RunConfig) -> "SafeTracker"
 
 
 def _warn(message: str) -> None:
-    # Not warnings.warn, which a filter can turn into an exception.
+    # Not `warnings.warn`, which a filter can turn into an exception.
     print(f"warning: {message}", file=sys.stderr)
 
 
 class SafeTracker(Tracker):
-    """Passes everything on to a tracker until that raises, then warns once and goes quiet."""
+    """Passes everything on to a tracker; once that raises, it warns and switches the tracker off."""
 
     def __init__(self, name: str, tracker: Tracker) -> None:
         self._name = name
         self._tracker = tracker
 
     def resume(self, episodes: int) -> None:
-        """Pass on that the run goes on behind so many episodes."""
+        """Pass on that the run goes on after this many episodes."""
         self._try(lambda tracker: tracker.resume(episodes))
 
     def log(self, episode: int, metrics: Metrics) -> None:
