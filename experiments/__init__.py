@@ -1,1 +1,1 @@
-"""Studies: configuration, run directory, training."""
+"""Configurations, training runs, evaluations and ablations."""

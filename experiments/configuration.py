@@ -30,7 +30,7 @@ LearningRate = Annotated[float, within(0.0, 1e40)]
 LayerSizes = Annotated[
     tuple[Annotated[int, within(1, 4096)], ...], Field(min_length=1, max_length=16)
 ]
-"""The greatest networks that :func:`orchid_uav.agents.load_policy` reads."""
+"""Limited to the largest networks that :func:`orchid_uav.agents.load_policy` reads."""
 GradientNorm = Annotated[float, within(1e-12, 1e12)]
 AdamEpsilon = Annotated[float, within(1e-30, 1.0)]
 Tolerance = Annotated[float, within(1e-15, 1e12)]
@@ -180,7 +180,7 @@ class RunConfig(Parameters):
 
     @property
     def network_parameters(self) -> Parameters:
-        """The part that the simulator needs."""
+        """The part of the configuration that the simulator needs."""
         return Parameters.model_validate(self.model_dump(include=set(Parameters.model_fields)))
 
     def extended_to(self, episodes: int) -> "RunConfig":
@@ -218,10 +218,10 @@ PRESETS = {
         },
     ),
 }
-"""What a configuration can begin with."""
+"""Configurations to begin with, by name."""
 
 ALGORITHM_DEFAULTS: dict[str, dict[str, Any]] = {"maddpg": {"reset.enabled": False}}
-"""What differs from the defaults with an algorithm: Reset-and-Finetune is ORCHID's own."""
+"""Other defaults for an algorithm: Reset-and-Finetune belongs to ORCHID, not to MADDPG."""
 
 
 class Layer(NamedTuple):
@@ -250,7 +250,7 @@ def field_of(key: str) -> FieldInfo:
 FLAGS: dict[str, Flag] = {
     key: flag for key in configuration_keys() if (flag := flag_of(field_of(key)))
 }
-"""Options of the command line by the keys that they set."""
+"""Command-line options, by the key that each sets."""
 SETTING_KEYS = {key: f"--{flag.name}" for key, flag in FLAGS.items() if flag.varies == "world"}
 """Keys that a setting of an evaluation decides, and the options that list them."""
 
@@ -259,7 +259,7 @@ _OTHER_NAMES = {
     for key, flag in FLAGS.items()
     for name in (flag.name.replace("-", "_"), flag.name.removesuffix("s"))
 } | {"speed_mps": "network.user_speed_mps"}
-"""What keys are called elsewhere, on the command line and in Python."""
+"""Names that keys have elsewhere, on the command line and in Python."""
 _LISTS = {key for key in configuration_keys() if holds_several(field_of(key))}
 
 
@@ -293,7 +293,7 @@ def file_layer(path: Path, say: Callable[[str], object] = warnings.warn) -> Laye
 def assignment_layer(assignments: Iterable[str], option: str = "--set") -> Layer:
     """Assignments ``section.key=value`` from the command line.
 
-    A value is written as in JSON or as a plain word, several as in JSON or with commas between.
+    A value is written as in JSON or as a plain word; a list as in JSON or separated by commas.
     """
     values: dict[str, Any] = {}
     for assignment in assignments:
@@ -309,10 +309,10 @@ def assignment_layer(assignments: Iterable[str], option: str = "--set") -> Layer
 
 
 def merge(layers: Iterable[Layer]) -> tuple[RunConfig, dict[str, str]]:
-    """The configuration in which later layers win, and the source of every value by its key.
+    """Merge layers, of which later ones win; also return the source of every value by its key.
 
     Raises:
-        InputError: an unknown key or a value that does not fit, with the nearest right one.
+        InputError: a key is unknown or a value does not fit; the message says what would.
     """
     keys = configuration_keys()
     values: dict[str, Any] = {}
@@ -376,7 +376,7 @@ def _with_current_keys(values: Mapping[str, Any], source: str) -> dict[str, Any]
 
 def _unknown(kind: str, name: str, known: Iterable[str]) -> str:
     candidates = list(known)
-    field = name.rpartition(".")[2]  # right, perhaps, in a section that is wrong or missing
+    field = name.rpartition(".")[2]  # the field may be right and only its section wrong or missing
     near = [key for key in candidates if key.rpartition(".")[2] == field]
     flag = field.lstrip("-").replace("-", "_").lower()
     if not near and kind != "preset" and flag in _OTHER_NAMES:
@@ -406,14 +406,15 @@ _REWARDED = {
 
 
 def reward_differences(configurations: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Keys by which the rewards of runs are values of different functions, so do not compare.
+    """Keys that make the rewards of runs different functions, so that they cannot be compared.
 
-    These are weights, penalties and the objective, what EE_max (M7) and R_hi (M13) are made of,
-    what counts as served, too close or weakly connected, and over how many slots and episodes sums
-    and schedules go. Shares, sizes and speeds change what is reached, but not how it is rewarded.
+    These are the weights, the penalties and the objective; what EE_max (M7) and R_hi (M13) depend
+    on; what counts as served, too close or weakly connected; and the numbers of slots and episodes
+    that sums and schedules run over. Shares, sizes and speeds change the result, but not how it is
+    rewarded.
 
     Args:
-        configurations: values by ``"section.key"``, of each run.
+        configurations: the values of each run, by ``"section.key"``.
     """
     rewards_log_rates = any(one.get("reward.objective") == "pf" for one in configurations)
     divides_bandwidth = any(one.get("network.total_bandwidth_hz") for one in configurations)
@@ -441,7 +442,7 @@ def reward_differences(configurations: Sequence[Mapping[str, Any]]) -> list[str]
 
 
 def spare_uavs_note(network: NetworkParameters) -> str | None:
-    """What to tell whoever configures users at fewer places than Phase I makes clusters (M36)."""
+    """A note if users stand at fewer places than Phase I makes clusters (M36), else None."""
     are_points = network.distribution == "tcp" and network.scatter_std_m == 0.0
     clusters = network.uav_count + 1
     if not are_points or network.sensing_error_std_m > 0.0 or network.hotspot_count >= clusters:

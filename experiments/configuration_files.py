@@ -1,4 +1,4 @@
-"""Reading a configuration from a file or from a pipe, without ever waiting in silence."""
+"""Reads a configuration from a file or a pipe, and says so if it has to wait."""
 
 import io
 import os
@@ -16,17 +16,17 @@ _STREAMS = ("/dev/", "/proc/")
 
 
 def read_configuration(path: Path, say: Callable[[str], object]) -> tuple[str, str]:
-    """The format, "toml" or "json", and the text of a configuration.
+    """Return the format, "toml" or "json", and the text of a configuration.
 
     A pipe, such as ``/dev/stdin`` or a process substitution, is read once and to its end. It is
-    taken for JSON if it begins with a brace, which TOML cannot.
+    taken for JSON if it begins with a brace, with which TOML cannot begin.
 
     Args:
-        path: of the file; ``~`` is the home directory.
-        say: told, once, that a pipe is being waited for.
+        path: the file's path; ``~`` is the home directory.
+        say: called once if a pipe has to be waited for, with a message that says so.
 
     Raises:
-        InputError: it cannot be read, is too large, or nothing is written to the pipe.
+        InputError: the file cannot be read or is too large, or the pipe is empty.
     """
     suffix = path.suffix.lower()[1:]
     try:
@@ -47,7 +47,7 @@ def read_configuration(path: Path, say: Callable[[str], object]) -> tuple[str, s
         if len(content) > _MOST_BYTES:
             raise InputError(f"configuration {path} is larger than {_MOST_BYTES // 2**20} MiB")
         text = io.TextIOWrapper(io.BytesIO(content), encoding="utf-8-sig").read()
-    except (OSError, ValueError, RuntimeError) as error:  # no UTF-8; no home directory
+    except (OSError, ValueError, RuntimeError) as error:  # not UTF-8, or no home directory
         raise InputError(f"cannot read configuration {path}: {error}") from error
     if suffix not in ("toml", "json"):
         suffix = "json" if text.lstrip().startswith("{") else "toml"
@@ -61,7 +61,7 @@ def _drain(descriptor: int, path: Path, say: Callable[[str], object]) -> bytes:
         select.select([descriptor], [], [], _PATIENCE_S)
         try:
             part = os.read(descriptor, _MOST_BYTES)
-        except BlockingIOError:  # somebody has it open for writing, and takes time
+        except BlockingIOError:  # a process has it open for writing and has written nothing yet
             if not has_waited:
                 say(f"waiting for what is written to {path}")
             has_waited = True

@@ -1,8 +1,8 @@
-"""Errors that a user can mend, told in one or two lines."""
+"""Errors that a user can fix; their messages have one or two lines."""
 
 
 class InputError(Exception):
-    """Wrong usage or input: what is wrong, with the offending value, and what would be right."""
+    """Wrong usage or input; the message names the offending value and says what would be right."""
 
 
 class RunFailedError(Exception):

@@ -32,8 +32,8 @@ class Raising(Enum):
 class Interruption:
     """What signals have asked for.
 
-    Only a ctrl-C more than a second after the first signal is urgent: that is a person. All else
-    repeats the first request, however often and by whomever it is sent.
+    Only a ctrl-C more than a second after the first signal is urgent, since it comes from a person.
+    Every other signal only repeats the first request, whoever sends it and however often.
     """
 
     def __init__(self) -> None:
@@ -47,7 +47,7 @@ class Interruption:
 
     @contextmanager
     def held_back(self) -> Iterator[None]:
-        """Raise nothing in the middle of this, such as the writing of files, but behind it."""
+        """Delay KeyboardInterrupt until this block, such as one that writes files, has ended."""
         self._holders += 1
         try:
             yield
@@ -73,24 +73,24 @@ class Interruption:
             self._is_due = True
 
     def _tell(self) -> None:
-        # Not print: the signal may have come in the middle of one. The terminal may be gone.
+        # Not `print`, in the middle of which the signal may have come. The terminal may be gone.
         with suppress(OSError):
             os.write(2, self._message)
 
 
 _contexts: list[Interruption] = []
-"""Of this process, which has one set of signals: the same one for every context, or none."""
+"""The contexts of this process, innermost last: all share one interruption, as signals do."""
 
 
 @contextmanager
 def interruption_requests(
     raising: Raising = Raising.IF_URGENT, message: bytes = AFTER_UPDATE
 ) -> Iterator[Interruption]:
-    """Note signals instead of dying of them.
+    """Record signals instead of being ended by them.
 
-    What the caller ignores (nohup, a shell's background job) stays ignored. Inside another of these
-    contexts it is the same interruption, with another way to be told of it. Outside the main
-    thread, where Python delivers no signals, nothing is changed.
+    Signals that the caller ignores (nohup, a shell's background job) stay ignored. A context inside
+    another one yields the same interruption, with its own ``raising`` and ``message``. Outside the
+    main thread, where Python delivers no signals, nothing is changed.
 
     Args:
         raising: when KeyboardInterrupt is raised.

@@ -1,13 +1,13 @@
-"""How every metric of an episode is called, scaled and judged, for tables, plots and pages."""
+"""The name, scale and direction of every metric of an episode, for tables, plots and pages."""
 
 from typing import Literal, NamedTuple
 
 from orchid_uav.envs.metrics import DIAGNOSTIC_METRICS, EPISODE_METRICS
 
 HEADROOM = "headroom_share"
-"""Share of the room between ``loiter-mmf`` and ``planner`` in utility, a ratio of means."""
+"""Utility gained over ``loiter-mmf``, as a share of what ``planner`` gains: a ratio of means."""
 UNBREAKABLE = "\N{NO-BREAK SPACE}"
-"""Joins what no line may divide, such as a number and its unit."""
+"""Joins words that a line break must not divide, such as a number and its unit."""
 
 
 class Metric(NamedTuple):
@@ -19,13 +19,13 @@ class Metric(NamedTuple):
     scale: float
     """Factor from the stored value to the shown one."""
     digits: int
-    """Shown behind the point."""
+    """Digits shown after the decimal point."""
     better: Literal["higher", "lower"] | None
-    """None where more is neither better nor worse, or where methods cannot be compared by it."""
+    """None if more is neither better nor worse, or if methods cannot be compared by the metric."""
 
     @property
     def heading(self) -> str:
-        """Title with unit."""
+        """The title with the unit."""
         return f"{self.title} ({self.unit})" if self.unit else self.title
 
     def text(self, value: float) -> str:
@@ -35,12 +35,12 @@ class Metric(NamedTuple):
 
 
 def heading_of(key: str) -> str:
-    """What a metric is called, with its unit; other keys are their own name."""
+    """A metric's title with its unit; any other key is returned unchanged."""
     return METRICS[key].heading if key in METRICS else key
 
 
 def label_of(method: str, deterministic: bool) -> str:
-    """A method, and whether its actions are sampled."""
+    """A method's name, marked if its actions are sampled."""
     return method + ("" if deterministic else ", sampled")
 
 
@@ -67,12 +67,12 @@ METRICS: dict[str, Metric] = {
     "gbs_coverage": Metric("GBS users' coverage", "", 1.0, 3, None),
     "blocking_pairs": Metric("blocking pairs", "", 1.0, 2, "lower"),
 }
-"""All metrics by their names, those that tell methods apart best first."""
+"""All metrics by name; those that distinguish methods best come first."""
 
 HEADLINE = tuple(METRICS)[:8]
-"""What is shown where there is no room for all."""
+"""Metrics that are shown where there is no room for all."""
 
 EVALUATION_METRICS = (*EPISODE_METRICS, *DIAGNOSTIC_METRICS)
-"""Those that every single episode has."""
+"""Metrics that every single episode has."""
 
 assert set(METRICS) == {*EVALUATION_METRICS, HEADROOM}

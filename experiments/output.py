@@ -9,11 +9,11 @@ from contextlib import contextmanager
 from typing import Any, TextIO
 
 _UNKNOWN = "replace"
-"""What becomes of "³" where only ASCII is known, and of names of files that are no text."""
+"""How characters are written that the stream cannot encode, such as "³" in ASCII."""
 
 
 class _Lasting(io.RawIOBase):
-    """Writes where another stream does; once that fails, what comes is dropped."""
+    """Writes to another stream; once that fails, everything further is dropped."""
 
     def __init__(self, raw: io.RawIOBase) -> None:
         self._raw = raw
@@ -42,14 +42,14 @@ class _Lasting(io.RawIOBase):
 
 
 class Output:
-    """What became of standard output."""
+    """Tells whether standard output was lost."""
 
     def __init__(self, stream: TextIO, lasting: _Lasting | None) -> None:
         self._stream = stream
         self._lasting = lasting
 
     def loss(self) -> OSError | None:
-        """Why something of what was printed until now could not be written."""
+        """The error if some of what was printed so far could not be written, else None."""
         self._stream.flush()
         return self._lasting.error if self._lasting is not None else None
 
@@ -58,8 +58,8 @@ class Output:
 def lasting_output() -> Iterator[Output]:
     """Make writing to ``sys.stdout`` and ``sys.stderr`` never fail, for displays as well.
 
-    Everything that is printed once a stream has failed is dropped. Streams that lead to no
-    descriptor, such as those of a notebook, stay as they are.
+    Everything that is printed once a stream has failed is dropped. Streams without a
+    file descriptor, such as those of a notebook, are left unchanged.
     """
     before = sys.stdout, sys.stderr
     (sys.stdout, lasting), (sys.stderr, _) = map(_made_lasting, before)

@@ -1,4 +1,4 @@
-"""On what, and with which versions, a run was made."""
+"""Records the machine and the software versions with which a run was made."""
 
 import os
 import platform
@@ -27,7 +27,7 @@ def describe_versions() -> dict[str, str | None]:
 
 
 def describe_host() -> dict[str, Any]:
-    """The machine."""
+    """Describe the machine."""
     return {
         "name": platform.node(),
         "system": f"{platform.system()} {platform.machine()}",
@@ -37,7 +37,7 @@ def describe_host() -> dict[str, Any]:
 
 
 def boot_id() -> str | None:
-    """What tells this start of the machine from all others, where the system has it."""
+    """An id of the machine's current boot; None on systems that have none."""
     path = Path("/proc/sys/kernel/random/boot_id")
     return path.read_text().strip() if path.is_file() else None
 
@@ -47,13 +47,13 @@ CHANGES = "+changes"
 _NOT_MEASURED = (
     *("runs", "studies/results", "studies/pages", "docs", "tests", "*.md", "mkdocs.yml", "LICENSE"),
 )
-"""What of a checkout may differ without a word, as it does not change what is measured: what runs
-and benchmarks write, pages and figures made of that, tests. Policies are told by their checksums.
-All else counts: the packages, `pyproject.toml`, `constraints.txt`, the benchmarks themselves."""
+"""Files whose changes do not count, since they change nothing that is measured: what runs
+and benchmarks write, pages and figures made of it, and tests. Checksums identify the policies. All
+other changes count: packages, `pyproject.toml`, `constraints.txt`, the benchmarks themselves."""
 
 
 def git_commit() -> str | None:
-    """Commit of the checkout that this code runs from, "+changes" if it differs; None elsewhere."""
+    """Commit of the checkout that this code runs from, "+changes" if it differs; else None."""
     source = Path(__file__).resolve().parent
     top = _git(source, "rev-parse", "--show-toplevel")
     # Installed code may lie inside somebody else's repository.

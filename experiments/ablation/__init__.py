@@ -1,1 +1,1 @@
-"""Variants of a run, trained on the same seeds and compared pair by pair."""
+"""Trains variants of a run on the same seeds and compares them seed by seed."""

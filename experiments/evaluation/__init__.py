@@ -1,1 +1,1 @@
-"""Methods flown over the same topologies that no training has seen."""
+"""Flies methods over the same topologies, which no training has seen."""

@@ -1,1 +1,1 @@
-"""Drawings of evaluations and of training runs."""
+"""Figures of evaluations and of training runs."""

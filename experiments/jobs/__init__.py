@@ -1,1 +1,1 @@
-"""Training runs as processes of their own."""
+"""Training runs in separate processes."""

@@ -1,4 +1,4 @@
-"""Processes of our own: started, asked to stop, killed, and why they ended."""
+"""Starts, stops and kills child processes, and says why they ended."""
 
 import os
 import re
@@ -13,14 +13,14 @@ from pathlib import Path
 
 JOB_ENVIRONMENT = {
     "ORCHID_JOB": "1",
-    # On small networks one thread is fastest; what is parallel are the processes.
+    # On small networks one thread is fastest; the processes themselves run in parallel.
     "OMP_NUM_THREADS": "1",
     "OPENBLAS_NUM_THREADS": "1",
     "MKL_NUM_THREADS": "1",
     "NUMBA_NUM_THREADS": "1",
 }
-"""Environment of a child. ``ORCHID_JOB`` tells it that the end of its standard input is the end of
-its parent."""
+"""Environment of a child. ``ORCHID_JOB`` tells it that its standard input ends when its parent
+does."""
 
 _LONGEST_ERROR = 300
 _LOG_END_BYTES = 8192
@@ -36,7 +36,7 @@ def usable_cores() -> int:
 
 @contextmanager
 def readable_exit_codes() -> Iterator[None]:
-    """Where SIGCHLD is ignored, every exit code reads as 0: do not ignore it."""
+    """Do not ignore SIGCHLD in this block: if it is ignored, every exit code reads as 0."""
     is_settable = threading.current_thread() is threading.main_thread()
     if not is_settable or not hasattr(signal, "SIGCHLD"):
         yield
@@ -50,22 +50,22 @@ def readable_exit_codes() -> Iterator[None]:
 
 @dataclass
 class Child:
-    """A process, in a session of its own: the terminal's ctrl-C does not reach it."""
+    """A process in its own session, which the terminal's ctrl-C does not reach."""
 
     process: subprocess.Popen[bytes]
     log: Path
     log_start: int
-    """Bytes that were in the log before."""
+    """Size of the log, in bytes, when the process began."""
     began_s: float
     is_asked_to_stop: bool = False
 
     @classmethod
     def start(cls, command: Sequence[str], log: Path) -> "Child":
-        """Start a process with one thread per library, whose output is appended to a log.
+        """Start a process with one thread per library; its output is appended to a log.
 
         Raises:
-            OSError: no such program, or a log that cannot be written.
-            ValueError: a command that no system can start.
+            OSError: there is no such program, or the log cannot be written.
+            ValueError: no system can start such a command.
         """
         log.parent.mkdir(parents=True, exist_ok=True)
         with log.open("ab") as output:
@@ -77,22 +77,22 @@ class Child:
                 stdin=subprocess.PIPE,  # held open until the process has ended
                 stdout=output,
                 stderr=subprocess.STDOUT,
-                close_fds=True,  # or one child would hold the pipe of another
+                close_fds=True,  # otherwise one child would hold the pipe of another
                 start_new_session=True,
                 env=os.environ | JOB_ENVIRONMENT,
             )
         return cls(process, log, log_start, began_s)
 
     def stop(self) -> None:
-        """Ask it to save what it has."""
+        """Ask the process to save what it has and end."""
         if not self.is_asked_to_stop:
             self.is_asked_to_stop = True
             self.process.terminate()
 
     def kill(self) -> None:
-        """End it now, with all that it started itself."""
+        """Kill the process and all processes that it started."""
         if self.process.poll() is None:
-            with suppress(ProcessLookupError, PermissionError):  # gone this moment
+            with suppress(ProcessLookupError, PermissionError):  # it has just ended
                 if hasattr(os, "killpg"):
                     os.killpg(self.process.pid, signal.SIGKILL)
                 else:
@@ -106,19 +106,19 @@ class Child:
 
 
 def describe_end(code: int, log: Path, log_start: int) -> str:
-    """Why a process ended, in at most 300 characters: its signal, or what it said at last.
+    """Say why a process ended, in at most 300 characters: its signal, or its last output.
 
     Args:
         code: its exit code, or minus the signal that killed it.
-        log: where its output went.
-        log_start: bytes of the log that are older than the process.
+        log: the file that its output went to.
+        log_start: size of the log, in bytes, when the process began.
     """
     if code < 0:
         try:
             return f"killed by {signal.Signals(-code).name}"
-        except ValueError:  # one without a name
+        except ValueError:  # a signal without a name
             return f"killed by signal {-code}"
-    # An error of the command takes one or two lines, and begins with the word.
+    # An error of the command line takes one or two lines and begins with "error:".
     lines = _lines_at_the_end(log, log_start)[-2:]
     begins = (index for index, line in enumerate(lines) if line.startswith("error:"))
     text = " ".join(lines[next(begins, -1) :])
@@ -126,7 +126,7 @@ def describe_end(code: int, log: Path, log_start: int) -> str:
 
 
 def shortened(text: str) -> str:
-    """At most 300 characters of a text."""
+    """A text, cut to at most 300 characters."""
     return text if len(text) <= _LONGEST_ERROR else text[: _LONGEST_ERROR - 4] + " ..."
 
 

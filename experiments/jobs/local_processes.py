@@ -1,4 +1,4 @@
-"""Jobs side by side, a process each, and how every one of them ended."""
+"""Runs jobs side by side, each in its own process, and says how each ended."""
 
 import time
 from collections import deque
@@ -44,69 +44,71 @@ class JobEnd:
 
 
 class Overview(NamedTuple):
-    """How far all jobs are."""
+    """The progress of all jobs."""
 
     fraction_done: float
     """Share of the whole cost; a job that has ended counts in full, even if it failed."""
     seconds_left: float | None
-    """None where nothing can be said yet."""
+    """None if it cannot be estimated yet."""
     running: Sequence[tuple[Job, float]]
-    """With the fraction of each that is done, in the order in which they began."""
+    """The running jobs, each with its finished fraction, in the order in which they began."""
     completed: int
     failed: int
 
 
 class JobProgress:
-    """Shows how far jobs are; this one shows nothing.
+    """Shows the progress of jobs; this base class shows nothing.
 
-    An exception of a hook stops all jobs, and is passed on.
+    An exception in a hook stops all jobs and is passed on.
     """
 
     def begin(self, jobs: Sequence[Job], processes: int) -> None:
-        """The jobs are about to begin, so many at once."""
+        """The jobs are about to begin, with ``processes`` of them at once."""
 
     def update(self, overview: Overview) -> None:
-        """How far they are, twice a second."""
+        """The current progress; called twice a second."""
 
     def restarted(self, job: Job, error: str) -> None:
-        """A job was killed, and is run once more."""
+        """A job was killed and is run once more."""
 
     def stopping(self, running: int) -> None:
-        """A stop was asked for; so many jobs are saving what they have."""
+        """A stop was requested; this many jobs are saving what they have."""
 
     def ended(self, end: JobEnd) -> None:
-        """A job has ended, or will not begin any more."""
+        """A job has ended, or will not be started any more."""
 
     def end(self) -> None:
-        """No job is running. Called after an exception as well."""
+        """No job is running any more; called after an exception as well."""
 
 
 class Executor(Protocol):
-    """Where jobs are run."""
+    """Runs jobs somewhere."""
 
     @property
     def was_stopped(self) -> bool:
         """Whether a stop was asked for while the last jobs were running, even by the very end."""
 
     def run(self, jobs: Sequence[Job], progress: JobProgress) -> list[JobEnd]:
-        """Run jobs whose names are all different; how they ended, in their order."""
+        """Run jobs of different names and return how each ended, in the order given."""
 
 
 class LocalProcesses:
-    """Runs jobs on this machine, a process each.
+    """Runs jobs on this machine, each in its own process.
 
-    A job that is killed by a signal is run once more. Signals are requests, as for a training run:
-    the first asks all jobs to stop (SIGTERM) and waits for them, an urgent one kills them; outside
-    the main thread they are left alone. None raises anything here: an exception that came between
-    the birth of a process and the note of it, or in the middle of killing all, would leave one
-    running. No process is left running, whatever happens. Where this process is killed itself, the
-    end of their standard input tells the jobs.
+    A job that is killed by a signal is run once more. Signals to this process are requests, as for
+    a training run: the first one asks all jobs to stop (SIGTERM) and waits for them, an urgent one
+    kills them. Outside the main thread signals are left alone.
+
+    No process is left running, whatever happens. That is why signals raise no exception here: it
+    could come between the start of a process and the note of it, or while all are being killed,
+    and leave one running. If this process itself is killed, the jobs notice by the end of their
+    standard input.
 
     Args:
-        processes: how many at once; never more than the cores that this process may use.
+        processes: how many jobs run at once; reduced to the cores that this process may use.
 
     Raises:
-        InputError: fewer than one.
+        InputError: ``processes`` is less than 1.
     """
 
     def __init__(self, processes: int) -> None:
@@ -114,9 +116,9 @@ class LocalProcesses:
             raise InputError(f"{processes} jobs at once: 1 or more are possible")
         cores = usable_cores()
         self.processes = min(processes, cores)
-        """How many at once, at most."""
+        """The most jobs that run at once."""
         self.note: str | None = None
-        """Why this is less than was asked for, if it is."""
+        """Why ``processes`` is less than was asked for; None if it is not."""
         if self.processes < processes:
             self.note = (
                 f"{self.processes} at once instead of {processes}: "
@@ -130,10 +132,10 @@ class LocalProcesses:
         return self._stop.requested
 
     def run(self, jobs: Sequence[Job], progress: JobProgress) -> list[JobEnd]:
-        """Run jobs, begun in their order; how they ended.
+        """Run jobs, begun in the order given, and return how each ended.
 
         Raises:
-            ValueError: two jobs of one name.
+            ValueError: two jobs have the same name.
         """
         if len({job.name for job in jobs}) < len(jobs):
             raise ValueError("two jobs have the same name")
@@ -143,7 +145,7 @@ class LocalProcesses:
 
 @dataclass
 class _LocalRun:
-    """Jobs that are being run."""
+    """One run of some jobs."""
 
     jobs: Sequence[Job]
     processes: int
@@ -163,7 +165,7 @@ class _LocalRun:
         self._is_stopping = False
 
     def run(self) -> list[JobEnd]:
-        """Run all."""
+        """Run all jobs and return how each ended."""
         self.progress.begin(self.jobs, min(self.processes, len(self.jobs)))
         try:
             while self._waiting or self._children:
@@ -267,7 +269,7 @@ class _LocalRun:
         )
 
     def _leave_none_running(self) -> None:
-        """Where an exception cuts jobs off, let them save what they have, and kill the others."""
+        """End jobs that an exception cut off: let them save what they have, then kill the rest."""
         children = self._children.values()
         try:
             for child in children:

@@ -1,4 +1,4 @@
-"""Jobs, how much of them is done, and how long the rest will take."""
+"""Jobs, how much of their work is done, and how long the rest will take."""
 
 import heapq
 import math
@@ -7,23 +7,23 @@ from dataclasses import dataclass
 from pathlib import Path
 
 _FIRST_ESTIMATE = 0.1
-"""Of an average job; less work than that tells nothing of the pace."""
+"""Share of an average job; less finished work does not show the pace."""
 
 
 @dataclass(frozen=True)
 class Job:
-    """A process to be run, which goes on where it stopped when it is run again.
+    """A process to run; run again, it goes on where it stopped.
 
     Raises:
-        ValueError: an empty command, or a cost that is not positive.
+        ValueError: the command is empty, or the cost is not positive.
     """
 
     name: str
     command: tuple[str, ...]
     log: Path
-    """What the process prints is appended there."""
+    """The file that the process's output is appended to."""
     fraction_done: Callable[[], float]
-    """How much of the job is done, 0 to 1. Asked twice a second; errors in it are passed over."""
+    """Tells how much of the job is done, 0 to 1. Asked twice a second; its errors are ignored."""
     cost: float = 1.0
     """How long the whole job takes, relative to others."""
 
@@ -35,13 +35,13 @@ class Job:
 
 
 def last_end(waiting: Iterable[float], busy: Sequence[float]) -> float:
-    """When the last of jobs ends, each going to the process that is free first.
+    """The time until the last job ends if each goes to the process that is free first.
 
     At the end some processes have nothing left to do, and the last job may run alone.
 
     Args:
-        waiting: how long each job takes, in the order in which they begin.
-        busy: how long each process still has to do with what it is doing.
+        waiting: how long each waiting job takes, in the order in which they begin.
+        busy: how long each process still needs for its current job.
     """
     free = sorted(busy)
     for cost in waiting:
@@ -52,10 +52,10 @@ def last_end(waiting: Iterable[float], busy: Sequence[float]) -> float:
 class Workload:
     """How much of all jobs is done, and how long the rest will take.
 
-    What was done before this began counts for what is done, and never for the pace.
+    Work done before this object was made counts as done, but is left out of the pace.
 
     Args:
-        jobs: all of them, in the order in which they begin.
+        jobs: all jobs, in the order in which they begin.
         processes: how many run at once.
     """
 
@@ -80,11 +80,11 @@ class Workload:
 
     @property
     def fraction_done(self) -> float:
-        """How much of all jobs is over, by cost, 0 to 1."""
+        """How much of all jobs is done or given up, as a share of the cost, 0 to 1."""
         return 1.0 - sum(self._left()) / self._total if self._jobs else 1.0
 
     def seconds_left(self, running: Sequence[int], seconds: Sequence[float]) -> float | None:
-        """How long it takes until all jobs have ended; None where nothing can be said yet.
+        """Seconds until all jobs have ended; None if they cannot be estimated yet.
 
         Args:
             running: indices of the jobs that are running.
@@ -97,7 +97,7 @@ class Workload:
         for job, now, first, job_s in zip(
             self._jobs, self.fractions, self._first_fractions, seconds, strict=True
         ):
-            if first < 1.0:  # a job that was complete takes its time to say so
+            if first < 1.0:  # the time of a job that was already complete tells nothing
                 work += job.cost * max(now - first, 0.0)
                 busy_s += job_s
         if work <= 0.0 or work < _FIRST_ESTIMATE * self._total / len(self._jobs):
@@ -112,7 +112,7 @@ class Workload:
         return sum(job.cost for job in self._jobs)
 
     def _left(self) -> list[float]:
-        """What is left of each job, in its cost."""
+        """The part of each job's cost that is left."""
         return [
             0.0 if index in self._ended else job.cost * (1.0 - self.fractions[index])
             for index, job in enumerate(self._jobs)

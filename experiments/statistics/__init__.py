@@ -1,1 +1,1 @@
-"""Intervals, comparisons and the curves of several runs."""
+"""Intervals, comparisons, and learning curves over several runs."""

@@ -164,7 +164,7 @@ def _warn(message: str) -> None:
 
 
 class SafeTracker(Tracker):
-    """Passes everything on to a tracker; once that raises, it warns and switches the tracker off."""
+    """Passes everything on to a tracker; if that raises, warns once and switches it off."""
 
     def __init__(self, name: str, tracker: Tracker) -> None:
         self._name = name
