@@ -1,7 +1,7 @@
-"""Runs as a zip that another machine can import.
+"""Exports runs to a zip that another machine can import.
 
-Nothing in such a file is trusted: only what :func:`export_runs` writes is accepted, everything is
-checked that can be before anything is written, and a run appears whole or not at all.
+Nothing in such a file is trusted: only what :func:`export_runs` writes is accepted, everything that
+can be checked is checked before anything is written, and a run appears whole or not at all.
 """
 
 import hashlib
@@ -30,10 +30,10 @@ from orchid_uav.storage.files import LARGEST_DOCUMENT, json_bytes, share, sync_d
 
 MANIFEST = "manifest.json"
 LARGEST_TOTAL = 3 * 2**30
-"""Bytes of all files together; an archive of less than 4 GiB needs no extensions of the format."""
+"""The most bytes of all files together; below 4 GiB a zip needs no extension of its format."""
 MOST_FILES = 10_000
 LARGEST_RATIO = 200
-"""Bytes that one compressed byte may stand for; those of logs stand for ten."""
+"""The most bytes that one compressed byte may stand for; in logs it stands for about ten."""
 
 _CHECKPOINTS = "checkpoints/"
 _FILE = re.compile(
@@ -46,21 +46,21 @@ _CHUNK = 2**20
 _LARGEST_DIRECTORY = 4 * 2**20
 _END = struct.Struct("<4s4H2LH")
 _SMALL = 2**16
-"""Files up to this size may be of any ratio: so many of them are no bomb."""
+"""Files up to this size may have any ratio: even ``MOST_FILES`` of them do no harm."""
 _NO_TIME = (1980, 1, 1, 0, 0, 0)
 _TEXTS = (".json", ".csv")
 _ODD_FLAGS = 0x2061  # encrypted, patched, strongly encrypted, masked
 
 
 class _File(Document):
-    """What the manifest promises of a file."""
+    """What the manifest says about a file."""
 
     size: int = Field(alias="bytes", ge=0)
     sha256: str = Field(pattern="^[0-9a-f]{64}$")
 
 
 class _Manifest(Document):
-    """Every file of an archive, by run and name."""
+    """All files of an archive, by run and name."""
 
     schema_version: Literal[1] = Field(alias="schema")
     runs: dict[str, dict[str, _File]]
@@ -73,7 +73,7 @@ class Exported(NamedTuple):
     runs: list[str]
     size: int
     left_out: list[str]
-    """Files that are none of a run's own, by ``id/name``."""
+    """Files that do not belong to a run and were left out, as ``id/name``."""
 
 
 def export_runs(
@@ -82,14 +82,15 @@ def export_runs(
     """Write runs to a zip with a checksum of every file; the same runs give the same bytes.
 
     Args:
-        paths: run directories, of runs that are not running.
+        paths: directories of runs that have ended.
         target: the zip, which appears when it is complete.
-        checkpoints: whether to include them; without, a run can be evaluated but not resumed.
-        force: whether a file there may be replaced.
+        checkpoints: whether to include checkpoints, without which a run can be evaluated but not
+            resumed.
+        force: whether an existing target may be replaced.
 
     Raises:
-        InputError: damaged or running runs, a target that is there, or that cannot be written.
-        RunFailedError: a run changed meanwhile.
+        InputError: a run is damaged or still running, or the target exists or cannot be written.
+        RunFailedError: a run changed during the export.
     """
     if not force and os.path.lexists(target):
         raise InputError(f"{target} exists: give another name, or --force to replace it")
@@ -134,7 +135,7 @@ def _by_id(runs: Sequence[Run]) -> dict[str, Run]:
 
 
 def _files_of(directory: Path) -> list[str]:
-    """Names of all files but hidden ones, which are locks and unfinished."""
+    """Names of all files except hidden ones, which are locks or unfinished."""
     found = []
     for folder, folders, names in os.walk(directory):
         folders[:] = sorted(name for name in folders if name[0] != ".")
@@ -164,14 +165,14 @@ def _write(file: IO[bytes], files: Mapping[str, Path]) -> None:
 
 
 def _open_regular(path: Path) -> IO[bytes]:
-    """Follows no link that has come in the file's place."""
+    """Open a file without following a link that may have taken its place."""
     flags = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
     descriptor = os.open(path, os.O_RDONLY | flags)
     return os.fdopen(descriptor, "rb")
 
 
 def _entry(name: str) -> zipfile.ZipInfo:
-    """Without a time, an owner or anything else that differs from machine to machine."""
+    """Make an entry without time, owner or anything else that differs between machines."""
     entry = zipfile.ZipInfo(name, _NO_TIME)
     entry.create_system = 3
     entry.external_attr = (stat.S_IFREG | 0o644) << 16
@@ -210,17 +211,19 @@ def _rename_without_replacing(source: Path, target: Path) -> None:
 
 
 def import_runs(archive: Path, runs_dir: Path) -> list[Path]:
-    """Unpack the runs of an archive; they appear when all of them are checked.
+    """Unpack the runs of an archive; they appear only once all of them are checked.
 
     Args:
-        archive: written by :func:`export_runs`, perhaps; it may come from anywhere.
-        runs_dir: made where it is missing.
+        archive: a file that :func:`export_runs` should have written, but that may come from
+            anywhere.
+        runs_dir: directory for the runs; it is made if it is missing.
 
     Returns:
         The run directories.
 
     Raises:
-        InputError: it is anything else, damaged, or a run of that id is there. Nothing is left.
+        InputError: the file is no such archive or is damaged, or a run of the same id exists.
+            Nothing is left behind.
     """
     try:
         with archive.open("rb") as file:
@@ -244,7 +247,7 @@ def import_runs(archive: Path, runs_dir: Path) -> list[Path]:
 
 
 def _check_end(file: IO[bytes]) -> None:
-    """What the format's last record says, before anything relies on it.
+    """Check the zip's last record before anything relies on it.
 
     An archive of another layout, with a comment or with extensions for large files, is no export.
     """
@@ -263,7 +266,7 @@ def _check_end(file: IO[bytes]) -> None:
 
 
 def _check_entries(entries: Sequence[zipfile.ZipInfo]) -> dict[str, zipfile.ZipInfo]:
-    """The entries by name, none of which can surprise."""
+    """Check every entry and return them by name."""
     by_name: dict[str, zipfile.ZipInfo] = {}
     folded: set[str] = set()
     for entry in entries:
@@ -295,7 +298,7 @@ def _check_entries(entries: Sequence[zipfile.ZipInfo]) -> dict[str, zipfile.ZipI
 def _read_manifest(
     archive: zipfile.ZipFile, entries: Mapping[str, zipfile.ZipInfo]
 ) -> dict[str, dict[str, _File]]:
-    """By run and file; all of them are there, and nothing else is."""
+    """Read the manifest by run and file; check that exactly these files are in the archive."""
     entry = entries.get(MANIFEST)
     if entry is None or entry.file_size > LARGEST_DOCUMENT:
         raise ValueError(f"it has no {MANIFEST}, or one that is too large")
@@ -344,7 +347,7 @@ def _unpack(
             _check_run(staging / run_id)
         for run_id in runs:
             place = runs_dir / run_id
-            if os.path.lexists(place):  # it was not, a moment ago
+            if os.path.lexists(place):  # it has appeared since the first check
                 raise InputError(f"run {run_id} is already in {runs_dir}")
             (staging / run_id).rename(place)
             moved.append(place)

@@ -1,4 +1,4 @@
-"""A run's directory: its id, its record, its log of episodes."""
+"""A run's directory, as it is written: its id, its record, its log of episodes."""
 
 import csv
 import hashlib
@@ -59,7 +59,7 @@ _WHOLE_NUMBERS = frozenset(
     {"episode", "collisions", "boundary_violations", "backhaul_violations", "reset"}
 )
 FINAL_EPISODES = 50
-"""Last episodes whose means are a run's final figures."""
+"""How many of the last episodes a run's final metrics are means of."""
 _RESERVE_FILE, _RESERVE_SIZE = ".reserve", 2**16
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 _NOT_IN_IDS = re.compile(r"[^A-Za-z0-9._-]")
@@ -81,7 +81,7 @@ class RunDirectory:
         self.record = record
         self.is_resumed = False
         self.renamed_from: str | None = None
-        """The id until now, where it is gone on with in a directory of another name."""
+        """The former id, if the run was reopened in a directory of another name."""
         self._episodes_size = 0
         self._lock = lock
 
@@ -91,11 +91,11 @@ class RunDirectory:
     ) -> "RunDirectory":
         """Make a new directory and write what is known before the run begins.
 
-        The id is UTC time, name, seed and four random letters. ``mkdir`` itself tells whether it
-        is taken, so that two runs started at once never share one.
+        The id consists of UTC time, name, seed and four random letters. ``mkdir`` itself fails if
+        it is taken, so that two runs that start at once never share one.
 
         Raises:
-            InputError: a name that cannot be one, or a directory that cannot be written.
+            InputError: the name is not allowed, or the directory cannot be written.
         """
         if not _NAME.fullmatch(name):
             raise InputError(
@@ -143,18 +143,18 @@ class RunDirectory:
 
     @classmethod
     def reopen(cls, path: Path, config: RunConfig, command: Sequence[str]) -> "RunDirectory":
-        """Go on with a run that was interrupted, failed or died, or that is to be extended.
+        """Resume a run that was interrupted, failed or died, or extend a complete one.
 
-        In a directory that is called otherwise than by its id it is a copy, or was renamed. Either
-        way it gets that name as its id, so that no two runs that go on have the same one.
+        A run whose directory is not named by its id is a copy or was renamed. Either way its id
+        becomes the directory's name, so that no two resumed runs have the same id.
 
         Args:
-            path: its directory.
-            config: its configuration, with more episodes perhaps.
-            command: how it is resumed.
+            path: the run's directory.
+            config: the run's configuration, perhaps with more episodes.
+            command: the command that resumes it.
 
         Raises:
-            InputError: another process writes it, it is damaged, or it cannot be written.
+            InputError: another process is writing the run, or it is damaged or cannot be written.
         """
         lock = RunLock(path)
         try:
@@ -188,7 +188,7 @@ class RunDirectory:
         return run
 
     def _be_called_by_its_directory(self) -> None:
-        """No directory beside this one has the same name, whatever was copied."""
+        """Take the directory's name as id: it is unique beside the others, even after copying."""
         found = _NOT_IN_IDS.sub("-", self.path.resolve().name).lstrip("-._")[:_LONGEST_ID]
         if found not in ("", self.id):
             self.renamed_from = self.id
@@ -196,7 +196,7 @@ class RunDirectory:
             self.record.id = found
 
     def _remove_leftovers(self) -> None:
-        """What a process left that died as it replaced a file."""
+        """Remove temporary files of a process that died while it replaced a file."""
         for name in (RECORD_FILE, CONFIG_FILE, EPISODES_FILE, WEIGHTS_FILE, DESCRIPTION_FILE):
             for path in self.path.glob(f".{name}.*"):
                 path.unlink()
@@ -209,10 +209,10 @@ class RunDirectory:
         self._save()
 
     def _reserve(self) -> None:
-        """Room for the last word of a run that fails because the disk is full.
+        """Reserve room for the last record of a run that fails because the disk is full.
 
-        Random, since some file systems compress, and in a new file, since what is there may be a
-        link to another one.
+        The content is random, since some file systems compress. The file is a new one, since an
+        existing one might be a link to another.
         """
         self._give_reserve_back()
         (self.path / _RESERVE_FILE).write_bytes(os.urandom(_RESERVE_SIZE))
@@ -221,7 +221,7 @@ class RunDirectory:
         (self.path / _RESERVE_FILE).unlink(missing_ok=True)
 
     def _replace_config(self, config: RunConfig) -> None:
-        """In an order that leaves no moment at which record and configuration do not fit."""
+        """Replace the configuration in steps between which it always agrees with the record."""
         content = _config_bytes(config)
         checksum = hashlib.sha256(content).hexdigest()
         self.record.next_config_sha256 = checksum
@@ -237,7 +237,7 @@ class RunDirectory:
         return self.record.id
 
     def append_episodes(self, rows: Iterable[Mapping[str, float]]) -> None:
-        """Add rows to ``episodes.csv``, all or, if the disk is full, none of them."""
+        """Add rows to ``episodes.csv``: all of them or, if the disk is full, none."""
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         if self._episodes_size == 0:
@@ -245,7 +245,7 @@ class RunDirectory:
         for row in rows:
             writer.writerow(_formatted(row))
         content = text.getvalue().encode()
-        # Unbuffered: what a failed write leaves in a buffer would be written at closing after all.
+        # Unbuffered: closing would still write what a failed write had left in a buffer.
         with (self.path / EPISODES_FILE).open("ab", buffering=0) as file:
             try:
                 written = 0
@@ -257,11 +257,11 @@ class RunDirectory:
         self._episodes_size += len(content)
 
     def keep_episodes(self, size: int, checksum: str) -> list[Row]:
-        """Forget the episodes behind the first ``size`` bytes of the log; the rows that stay.
+        """Cut the log of episodes off after ``size`` bytes and return the rows that stay.
 
         Args:
-            size: of the part that stays, 0 for none.
-            checksum: its SHA-256.
+            size: bytes of the part that stays; 0 for none.
+            checksum: the SHA-256 of that part.
 
         Raises:
             ValueError: the log is damaged.
@@ -299,7 +299,7 @@ class RunDirectory:
         seconds: float,
         error: str | None = None,
     ) -> None:
-        """Record how the run ended, and its final figures."""
+        """Record how the run ended, and its final metrics."""
         record = self.record
         record.seconds, record.episodes = round(seconds, 3), len(rows)
         record.reset_episodes = list(reset_episodes)
@@ -310,11 +310,11 @@ class RunDirectory:
     def _log_checksum(self) -> str | None:
         try:
             return checksum_of_file(self.path / EPISODES_FILE, LARGEST_LOG)
-        except (OSError, ValueError):  # the very reason why the run failed, perhaps
+        except (OSError, ValueError):  # perhaps the very reason why the run failed
             return None
 
     def give_up(self, status: Status, error: str | None) -> None:
-        """Record an end alone; what a resumed run that could not go on had achieved stays."""
+        """Record only how the run ended; the results of a run that could not resume are kept."""
         self.record.status, self.record.error = status, error
         self.record.finished = datetime.now(UTC).isoformat(timespec="seconds")
         self._give_reserve_back()
@@ -334,9 +334,9 @@ def _config_bytes(config: RunConfig) -> bytes:
 
 
 def final_metrics(rows: Sequence[Row]) -> dict[str, float | None]:
-    """Means of the last ``FINAL_EPISODES`` episodes, by column; empty if there was no episode.
+    """Means of the last ``FINAL_EPISODES`` episodes, by column; empty without episodes.
 
-    None where a mean is not a finite number, which JSON cannot hold.
+    A mean that is not a finite number, which JSON cannot hold, is None.
     """
     last = rows[-FINAL_EPISODES:]
     if not last:
@@ -354,8 +354,8 @@ def read_episodes(path: Path) -> list[Row]:
     """The rows of an ``episodes.csv``.
 
     Raises:
-        OSError: it cannot be read.
-        ValueError: it is no such log.
+        OSError: the file cannot be read.
+        ValueError: the file is no such log.
     """
     return _parsed(read_bytes(path, LARGEST_LOG).decode())
 

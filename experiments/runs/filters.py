@@ -1,4 +1,4 @@
-"""Runs filtered and sorted by anything that is known of them."""
+"""Filters and sorts runs by anything that is known about them."""
 
 import json
 import operator
@@ -22,7 +22,7 @@ _CONDITION = re.compile(r"\s*([\w.-]+?)\s*(<=|>=|!=|==|=|<|>|~)\s*(.*?)\s*", re.
 
 
 class Condition(NamedTuple):
-    """One of ``--where``."""
+    """A condition of ``--where``."""
 
     text: str
     key: str
@@ -31,13 +31,13 @@ class Condition(NamedTuple):
     """The text that was given."""
 
     def fits(self, run: Run) -> bool:
-        """Whether a run fulfils it.
+        """Whether a run fulfils the condition.
 
-        Text is compared with text, in alphabetical order, and numbers with numbers. What is
-        missing is unequal to everything but ``none``, and neither more nor less.
+        Text is compared with text, in alphabetical order, and numbers with numbers. A missing value
+        equals only ``none``, and is neither greater nor less than anything.
 
         Raises:
-            InputError: a number is to be compared with what is none.
+            InputError: a number is to be compared with something that is not a number.
         """
         found = run.values.get(self.key)
         if self.operator == "~":
@@ -46,7 +46,7 @@ class Condition(NamedTuple):
         if isinstance(found, str):
             wanted = wanted if isinstance(wanted, str) else self.value
         if self.operator in ("=", "!="):
-            # Python takes true for 1.
+            # In Python, True equals 1.
             is_same = found == wanted and isinstance(found, bool) == isinstance(wanted, bool)
             return is_same is (self.operator == "=")
         if found is None or isinstance(found, bool | list):
@@ -70,10 +70,10 @@ def _value(text: str) -> Any:
 
 
 class Keys:
-    """What can be asked of some runs: keys of configurations and records, and final figures.
+    """Keys by which runs can be filtered: of configurations, of records, and final metrics.
 
     Args:
-        runs: whose own keys, of another version perhaps, are known as well.
+        runs: runs whose own keys, perhaps of another version, are accepted as well.
     """
 
     def __init__(self, runs: Iterable[Run]) -> None:
@@ -88,10 +88,10 @@ class Keys:
                 self._fields.setdefault(field, []).append(key)
 
     def find(self, name: str) -> str:
-        """The key of that name, or the one of a configuration that ends so.
+        """Find the key of that name, or the configuration key that ends in it.
 
         Raises:
-            InputError: there is none, or several end so.
+            InputError: there is no such key, or several end in the name.
         """
         name = FORMER_KEYS.get(name, name)
         if name in self.known:
@@ -101,7 +101,7 @@ class Keys:
             return ending[0]
         if ending:
             raise InputError(f"'{name}' may be any of {', '.join(ending)}: give one of these")
-        field = name.rpartition(".")[2]  # right, perhaps, in a section that is wrong
+        field = name.rpartition(".")[2]  # the field may be right and only its section wrong
         similar = nearest(name, [*self.known, *self._fields])
         near = self._fields.get(field) or self._fields.get(similar or "") or [similar or ""]
         if near[0]:
@@ -112,10 +112,10 @@ class Keys:
         )
 
     def condition(self, text: str) -> Condition:
-        """A condition KEY OP VALUE.
+        """Parse a condition KEY OP VALUE.
 
         Raises:
-            InputError: it is none, or its key is unknown.
+            InputError: the text is no condition, or its key is unknown.
         """
         match = _CONDITION.fullmatch(text)
         if match is None:
@@ -127,22 +127,22 @@ class Keys:
         return Condition(text, self.find(key), "=" if sign == "==" else sign, value)
 
     def columns(self, text: str) -> list[str]:
-        """Keys divided by commas."""
+        """Find keys that are separated by commas."""
         return list(dict.fromkeys(self.find(name.strip()) for name in text.split(",")))
 
 
 def select(
     runs: Sequence[Run], keys: Keys, conditions: Iterable[Condition] = (), order: str = ""
 ) -> list[Run]:
-    """The runs that fulfil all conditions, in an order.
+    """Return the runs that fulfil all conditions, sorted.
 
     Args:
-        runs: latest first.
-        keys: of the runs.
-        conditions: all must be fulfilled.
-        order: keys divided by commas, the first the most important; with "-" before it, the
-            greatest comes first. What is missing comes last either way; what is equal stays in
-            order.
+        runs: the runs, latest first.
+        keys: the keys of these runs.
+        conditions: conditions that must all be fulfilled.
+        order: keys separated by commas, the most important first; "-" before a key puts the
+            greatest value first. Runs without a value come last either way; runs of equal values
+            keep their order.
     """
     chosen = [run for run in runs if all(condition.fits(run) for condition in conditions)]
     names = [name.strip() for name in order.split(",")] if order else []
@@ -156,13 +156,13 @@ def select(
 
 
 def _sortable(value: Any) -> tuple[int, Any]:
-    """Numbers before text, text before the rest."""
+    """A sort key that puts numbers before text, and text before the rest."""
     if isinstance(value, int | float):
         return 0, value
     return (1, value) if isinstance(value, str) else (2, json.dumps(value))
 
 
 def found_values(runs: Iterable[Run], key: str, most: int = 6) -> str:
-    """Which values of a key there are, to mend a condition that nothing fulfils."""
+    """List the values that a key has, to help correct a condition that no run fulfils."""
     found = sorted({value_text(run.values.get(key)) for run in runs})
     return ", ".join(found[:most]) + (" ..." if len(found) > most else "")

@@ -1,7 +1,7 @@
-"""The runs of a directory: listed and compared. There is no database.
+"""Lists and compares the runs of a directory, without a database.
 
-Of each run two small files are read, ``run.json`` and ``config.json``, and of one that has not
-ended the last lines of its log. Nothing is validated that these do not say themselves.
+Two small files of each run are read, ``run.json`` and ``config.json``, and for a run that has not
+ended its log as well. The values of a configuration are shown as they are, without validation.
 """
 
 import json
@@ -43,50 +43,50 @@ from orchid_uav.notices import reason_of
 from orchid_uav.storage.files import read_bytes
 
 TRAINING_METRICS = tuple(column for column in EPISODE_COLUMNS if column != "episode")
-"""Final metrics: means of the last episodes."""
+"""Names of the final metrics, which are means over the last episodes."""
 RECORD_KEYS = (
     *("id", "status", "name", "episodes", "seconds", "resets", "started", "finished"),
     *("command", "error"),
 )
-"""What a run's record says of it, besides "host.*" and "versions.*"."""
+"""Keys of a run's record, besides "host.*" and "versions.*"."""
 RESUMABLE = ("died", "interrupted", "failed")
-"""A run in one of these states can go on."""
+"""A run of one of these statuses can be resumed."""
 
-_LOG_END_BYTES = 2**16  # three times what the last 50 episodes take
+_LOG_END_BYTES = 2**16  # three times the size of the last 50 episodes
 _RESET = b",1\n"
-"""End of a row of an episode with a reset: the log's last column."""
+"""The end of a log row whose episode had a reset, which is the last column."""
 
 
 @dataclass(frozen=True)
 class Run:
-    """A run as its files tell of it."""
+    """A run as its files describe it."""
 
     path: Path
     status: SeenStatus
     record: RunRecord
-    """Of ``run.json``; "episodes", "reset_episodes" and "final" as they are by now, if the run has
-    not ended."""
+    """The content of ``run.json``. If the run has not ended, "episodes", "reset_episodes" and
+    "final" are brought up to date from its log."""
     config: Mapping[str, Any]
-    """By ``"section.key"``, complete."""
+    """All values of the configuration, by ``"section.key"``."""
 
     @property
     def id(self) -> str:
-        """What it is called on the command line: its directory's name."""
+        """The run's name on the command line, which is its directory's name."""
         return name_of(self.path)
 
     @property
     def planned_episodes(self) -> int:
-        """Episodes that it has when it is completed."""
+        """The number of episodes that the complete run will have."""
         return int(self.config["training.episodes"])
 
     @property
     def resume(self) -> str | None:
-        """The command that goes on with it, None where there is nothing to go on with."""
+        """The command that resumes the run; None if there is nothing to resume."""
         return shlex.join(resume_command(self.path)) if self.status in RESUMABLE else None
 
     @cached_property
     def values(self) -> dict[str, Any]:
-        """All that runs can be filtered and sorted by."""
+        """All values by which runs can be filtered and sorted."""
         record = self.record
         return {
             **self.config,
@@ -107,7 +107,7 @@ class Run:
         }
 
     def summary(self) -> dict[str, Any]:
-        """For a JSON document."""
+        """The run in brief, for a JSON document."""
         record = self.record
         return {
             "id": self.id,
@@ -128,18 +128,18 @@ class Run:
 
 
 class Index(NamedTuple):
-    """What lies in a directory of runs."""
+    """The content of a directory of runs."""
 
     runs: list[Run]
     damaged: dict[str, str]
-    """Names of what looks like a run and cannot be read, and why."""
+    """Names of directories that look like runs but cannot be read, with the reason."""
 
 
 def read_index(runs_dir: Path) -> Index:
-    """All runs directly in a directory, latest first; none where there is no such directory.
+    """Read all runs directly in a directory, latest first; none if the directory is missing.
 
     Raises:
-        InputError: it cannot be read.
+        InputError: the directory cannot be read.
     """
     try:
         with os.scandir(runs_dir) as entries:
@@ -166,10 +166,10 @@ def read_index(runs_dir: Path) -> Index:
 
 
 def read_run(path: Path) -> Run:
-    """A run from its directory.
+    """Read a run from its directory.
 
     Raises:
-        InputError: it is damaged, or no run.
+        InputError: the run is damaged, or the directory is no run.
     """
     record = read_record(path)
     sections = read_plain_config(path, record)
@@ -180,7 +180,7 @@ def read_run(path: Path) -> Run:
         for section, fields in with_current_keys(sections).items()
         for key, value in fields.items()
     }
-    config = _defaults() | found  # a key may be younger than the run
+    config = _defaults() | found  # a key may be newer than the run
     if not isinstance(config["training.episodes"], int):
         raise InputError(f"{path}: its configuration has no number of episodes")
     status = status_of(path, record)
@@ -195,10 +195,10 @@ def _defaults() -> dict[str, Any]:
 
 
 def read_log(run: Run) -> list[Row]:
-    """The rows of a run's log; of one that is being written, those that are whole.
+    """Read the rows of a run's log; of a log that is being written, the complete rows.
 
     Raises:
-        InputError: it is damaged.
+        InputError: the log is damaged.
     """
     path = run.path / EPISODES_FILE
     if path.exists():
@@ -222,20 +222,20 @@ def _rows(lines: Sequence[str]) -> list[Row]:
 
 
 def is_number(value: Any) -> bool:
-    """Whether it is a number, which true and false are not."""
+    """Whether a value is a number; true and false are not."""
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _bring_up_to_date(record: RunRecord, log: Path) -> None:
-    """Episodes, resets and latest metrics of a run whose record does not know them yet."""
+    """Take episodes, resets and latest metrics from the log, as the record lacks them yet."""
     try:
         with log.open("rb") as file:
             resets = [int(line.split(b",")[0]) for line in file if line.endswith(_RESET)]
             size = file.seek(0, os.SEEK_END)
             file.seek(max(0, size - _LOG_END_BYTES))
-            lines = file.read(_LOG_END_BYTES).decode().split("\n")[1:-1]  # whole ones
+            lines = file.read(_LOG_END_BYTES).decode().split("\n")[1:-1]  # complete lines
         rows = _rows(lines[-FINAL_EPISODES:])
-    except (OSError, ValueError):  # what the record says has to do
+    except (OSError, ValueError):  # then the record stays as it is
         return
     if rows:
         record.episodes, record.reset_episodes = int(rows[-1]["episode"]), resets
@@ -243,7 +243,7 @@ def _bring_up_to_date(record: RunRecord, log: Path) -> None:
 
 
 def details(run: Run) -> dict[str, Any]:
-    """All that is known of a run, for a JSON document."""
+    """All that is known about a run, for a JSON document."""
     record = run.record
     return {
         **run.summary(),
@@ -262,7 +262,7 @@ def details(run: Run) -> dict[str, Any]:
 
 
 def checkpoints_of(run: Run) -> list[int]:
-    """Behind which episodes there is a checkpoint."""
+    """The episodes after which there is a checkpoint."""
     try:
         names = [path.name for path in (run.path / CHECKPOINTS_FOLDER).iterdir()]
     except OSError:
@@ -271,7 +271,7 @@ def checkpoints_of(run: Run) -> list[int]:
 
 
 def differences(runs: Sequence[Run]) -> dict[str, list[Any]]:
-    """Values of the configuration keys in which runs differ, in the order of the runs."""
+    """Configuration keys in which runs differ, each with its values in the order of the runs."""
     keys = dict.fromkeys(key for run in runs for key in run.config)
     values = {key: [run.config.get(key) for run in runs] for key in keys}
     return {
@@ -280,7 +280,7 @@ def differences(runs: Sequence[Run]) -> dict[str, list[Any]]:
 
 
 def changed(run: Run) -> dict[str, tuple[Any, Any]]:
-    """Configuration keys in which a run differs from the defaults: its value and the default."""
+    """Configuration keys in which a run differs from the defaults, with both values."""
     defaults = _defaults()
     return {
         key: (value, defaults.get(key))
@@ -290,7 +290,7 @@ def changed(run: Run) -> dict[str, tuple[Any, Any]]:
 
 
 def short_names(runs: Sequence[Run]) -> list[str]:
-    """The shortest parts of the ids that leave them different, or paths where the ids are equal."""
+    """The shortest parts of the ids that still tell them apart; paths where ids are equal."""
     ids = [run.id for run in runs]
     short = short_ids(ids)
     return [
@@ -300,7 +300,7 @@ def short_names(runs: Sequence[Run]) -> list[str]:
 
 
 def value_text(value: Any, key: str = "") -> str:
-    """A value as people read it; a metric of METRICS scaled as its heading says."""
+    """A value as text for people; a metric of ``METRICS`` is scaled as its heading says."""
     if value is None:
         return "-" if key in TRAINING_METRICS else "none"
     if isinstance(value, bool):

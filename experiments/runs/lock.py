@@ -1,4 +1,4 @@
-"""One process a run: a lock that ends with its process, however that ends."""
+"""A lock that lets one process write a run, and that ends with it, however it ends."""
 
 import errno
 import os
@@ -11,26 +11,26 @@ from orchid_uav.experiments.provenance import boot_id
 from orchid_uav.notices import reason_of, warn_once
 
 LOCK_FILE = ".lock"
-_PATIENCE_S = 2.0  # a look at the run takes the lock for an instant
-_LINUX_ENOTSUPP = 524  # Lustre's, for which there is no name
+_PATIENCE_S = 2.0  # `is_alive` takes the lock for an instant
+_LINUX_ENOTSUPP = 524  # Lustre's error, for which `errno` has no name
 _NO_LOCKS = {errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOTSUP, errno.ENOLCK, _LINUX_ENOTSUPP}
-"""How a file system says that it has no locks."""
+"""Errors of file systems without locks."""
 
 
 class RunLock:
     """The right to write a run directory, held by this process until it is released or dies.
 
-    Where the file system has no locks it is taken for granted, with a warning.
+    On a file system without locks the right is assumed, with a warning.
 
     Args:
-        directory: of the run.
+        directory: the run's directory.
 
     Raises:
-        InputError: another process has it, or the directory cannot be written.
+        InputError: another process holds the lock, or the directory cannot be written.
     """
 
     def __init__(self, directory: Path) -> None:
-        if not directory.is_dir():  # FileLock would make it
+        if not directory.is_dir():  # `FileLock` would make it
             raise InputError(f"cannot write to {directory}: no such directory")
         self._lock = _lock_of(directory)
         try:
@@ -53,12 +53,12 @@ class RunLock:
 
 
 def is_alive(directory: Path, pid: int | None = None, boot: str | None = None) -> bool:
-    """Whether the process that writes a run is still there.
+    """Whether the process that writes a run is still alive.
 
     Args:
-        directory: of the run.
-        pid: of that process, as the run's record has it.
-        boot: what ``boot_id`` was when it began.
+        directory: the run's directory.
+        pid: the id of that process, from the run's record.
+        boot: the result of ``boot_id`` when that process began.
     """
     path = directory / LOCK_FILE
     if not path.exists():
@@ -68,20 +68,20 @@ def is_alive(directory: Path, pid: int | None = None, boot: str | None = None) -
         lock.acquire(timeout=0)
     except Timeout:
         return True
-    except OSError:  # a directory that can only be read, or a file system without locks
+    except OSError:  # a read-only directory, or a file system without locks
         return boot == boot_id() and pid is not None and _has_process(pid)
     lock.release()
     return False
 
 
 def _lock_of(directory: Path) -> FileLock:
-    # A lock that is the mere existence of a file, which is filelock's way out of a file system
-    # without locks, would outlive its process.
+    # On a file system without locks, filelock would by default use the mere existence of the file
+    # as a lock, which would outlive its process.
     return FileLock(directory / LOCK_FILE, fallback_to_soft=False)
 
 
 def _has_process(pid: int) -> bool:
-    if os.name == "nt":  # where signal 0 is ctrl-C
+    if os.name == "nt":  # on Windows signal 0 is ctrl-C
         return True
     try:
         os.kill(pid, 0)

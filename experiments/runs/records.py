@@ -1,4 +1,4 @@
-"""Reading run directories: records, configurations, whether a run goes on or has died."""
+"""Reads run directories: records, configurations, and whether a run is alive."""
 
 import os
 import re
@@ -23,10 +23,10 @@ CHECKPOINTS_FOLDER = "checkpoints"
 DEFAULT_RUNS_DIR = Path("runs")
 _TIME = re.compile(r"^\d{8}T\d{6}Z-")
 _ID = re.compile(r"\d{8}T\d{6}Z-(.+-s\d+)-[a-z]{4}")
-"""An id as it is given to a new run; a directory may be called otherwise."""
+"""The form of the id of a new run; a directory may have another name."""
 _LARGEST_CONFIG = 2**20
 LARGEST_LOG = 2**30
-"""Bytes of ``episodes.csv`` at most."""
+"""The most bytes that ``episodes.csv`` may have."""
 
 Status = Literal["running", "completed", "failed", "interrupted"]
 SeenStatus = Literal["running", "completed", "failed", "interrupted", "died"]
@@ -34,7 +34,7 @@ SeenStatus = Literal["running", "completed", "failed", "interrupted", "died"]
 
 
 class Resumption(Document):
-    """When and how a run was gone on with."""
+    """When and how a run was resumed."""
 
     time: str
     command: list[str]
@@ -57,7 +57,7 @@ class RunRecord(Document):
     episodes: int
     reset_episodes: list[int]
     final: dict[str, float | None]
-    """Means of the last episodes, by column; None where one is not a finite number."""
+    """Means of the last episodes, by column; None for a mean that is not a finite number."""
     resumed: list[Resumption]
     config_sha256: str
     status: Status
@@ -68,23 +68,23 @@ class RunRecord(Document):
     episodes_sha256: str | None = None
     """Checksum of the log, once it is complete."""
     former_ids: list[str] = Field(default=[])
-    """Ids of the runs that this one is a copy of, or that it had before it was renamed. Its
-    checkpoints and its policy may name them, where they are older than it is."""
+    """Ids of the runs that this one was copied from, or that it had before it was renamed. Those of
+    its checkpoints and policies that are older than its present id name one of these."""
     next_config_sha256: str | None = None
     """Checksum of the configuration that is about to replace the present one."""
 
     @field_validator("former_ids", mode="before")
     @classmethod
     def _only_texts(cls, found: Any) -> list[str]:
-        """What is no id vouches for nothing, and keeps no run from being read."""
+        """Ignore entries that are no ids, so that the run can still be read."""
         return [one for one in found if isinstance(one, str)] if isinstance(found, list) else []
 
 
 def read_record(path: Path) -> RunRecord:
-    """The record of a run directory, as it was written.
+    """Read the record of a run directory.
 
     Raises:
-        InputError: there is none, or it is damaged.
+        InputError: there is no record, or it is damaged.
     """
     file = path / RECORD_FILE
     try:
@@ -102,10 +102,10 @@ def read_record(path: Path) -> RunRecord:
 
 
 def read_plain_config(path: Path, record: RunRecord) -> dict[str, Any]:
-    """The sections of a run's configuration, as they were written; not validated.
+    """Read the sections of a run's configuration as they were written, without validation.
 
     Raises:
-        InputError: there is none, or it is damaged.
+        InputError: there is no configuration, or it is damaged.
     """
     file = path / CONFIG_FILE
     checksums = record.config_sha256, record.next_config_sha256
@@ -121,10 +121,10 @@ def read_plain_config(path: Path, record: RunRecord) -> dict[str, Any]:
 
 
 def read_config(path: Path, record: RunRecord) -> RunConfig:
-    """A run's configuration.
+    """Read and validate a run's configuration.
 
     Raises:
-        InputError: there is none, it is damaged, or of another version.
+        InputError: there is no configuration, it is damaged, or it belongs to another version.
     """
     try:
         return RunConfig.model_validate(read_plain_config(path, record))
@@ -133,10 +133,10 @@ def read_config(path: Path, record: RunRecord) -> RunConfig:
 
 
 def check_log(path: Path, record: RunRecord) -> None:
-    """Check the episodes of a run that has ended.
+    """Check the log of a run that has ended against the checksum in its record.
 
     Raises:
-        InputError: they cannot be read, or are not what the run wrote.
+        InputError: the log cannot be read, or is not what the run wrote.
     """
     file, checksum = path / EPISODES_FILE, record.episodes_sha256
     try:
@@ -149,23 +149,23 @@ def check_log(path: Path, record: RunRecord) -> None:
 
 
 def status_of(path: Path, record: RunRecord) -> SeenStatus:
-    """A run's status, "died" where it says "running" and nobody writes it."""
+    """A run's status; "died" if its record says "running" but no process writes it."""
     is_dead = record.status == "running" and not is_alive(path, record.pid, record.boot_id)
     return "died" if is_dead else record.status
 
 
 def has_checkpoint(path: Path) -> bool:
-    """Whether there is something that a run can go on from."""
+    """Whether the run has a checkpoint to resume from."""
     return any((path / CHECKPOINTS_FOLDER).glob("*/"))
 
 
 def resume_command(path: Path) -> list[str]:
-    """The command line that goes on with a run, or extends it."""
+    """The command line that resumes or extends a run."""
     return ["orchid", "train", "--resume", run_argument(path)]
 
 
 def run_argument(path: Path) -> str:
-    """What a run is called on a command line: its id where that is enough, else its path."""
+    """The run as an argument of a command: its id if that is enough, else its path."""
     try:
         default = expanded(os.environ.get("ORCHID_RUNS_DIR") or DEFAULT_RUNS_DIR)
         is_default = path.name not in ("", "..") and path.parent.resolve() == default.resolve()
@@ -175,12 +175,12 @@ def run_argument(path: Path) -> str:
 
 
 def name_of(path: Path) -> str:
-    """What a run is called: its directory's name, of a link the link's."""
+    """A run's name, which is that of its directory or, if that is a link, of the link."""
     return path.name if path.name not in ("", "..") else path.resolve().name
 
 
 def without_time(run_id: str) -> str:
-    """An id from its name on, which is the part that people recognise."""
+    """An id without its time; what remains is the part that people recognise."""
     return _TIME.sub("", run_id, count=1)
 
 
@@ -190,9 +190,9 @@ def _name_and_seed(run_id: str) -> str:
 
 
 def short_ids(ids: Sequence[str]) -> dict[str, str]:
-    """The shortest part of each id that no other one has: name and seed, then letters, then time.
+    """The shortest unique part of each id: name and seed, else with the letters, else the whole id.
 
-    :func:`find_run` knows a run by it as well, unless further runs have the same part.
+    :func:`find_run` finds a run by this part as well, unless further runs share it.
     """
     parts = {run: (_name_and_seed(run), without_time(run), run) for run in ids}
     short = {}
@@ -203,12 +203,12 @@ def short_ids(ids: Sequence[str]) -> dict[str, str]:
 
 
 def find_run(name: str, runs_dir: Path) -> Path:
-    """The directory of a run given as a path, an id, or a unique beginning of one.
+    """Find the directory of a run that is given as a path, an id, or a unique beginning of an id.
 
-    The beginning may leave out the time: what tables show is found as well.
+    The time may be left out, so that the short ids of tables are found as well.
 
     Raises:
-        InputError: none or several fit.
+        InputError: no run fits, or several do.
     """
     given = expanded(name)
     try:
@@ -222,7 +222,7 @@ def find_run(name: str, runs_dir: Path) -> Path:
         raise InputError(f"no run '{name}': there is no directory {runs_dir}") from error
     except OSError as error:
         raise InputError(f"cannot read {runs_dir}: {reason_of(error)}") from error
-    # Not Path.is_file, which raises an error where a directory is somebody else's.
+    # Not `Path.is_file`, which raises an error for a directory that may not be entered.
     ids = [path.name for path in entries if os.path.isfile(path / RECORD_FILE)]  # noqa: PTH113
     found = [name] if name in ids else [run for run in ids if run.startswith(name)]
     found = found or [run for run in ids if _name_and_seed(run) == name]
@@ -244,10 +244,10 @@ def find_run(name: str, runs_dir: Path) -> Path:
 
 
 def expanded(path: str | Path) -> Path:
-    """The path with ``~`` replaced.
+    """Return the path with ``~`` replaced.
 
     Raises:
-        InputError: there is no such user, or no text that libraries and JSON could hold.
+        InputError: the user is unknown, or the path is not UTF-8 and so fits in no JSON document.
     """
     try:
         os.fspath(path).encode()

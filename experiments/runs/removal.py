@@ -1,4 +1,4 @@
-"""Deleting run directories, and nothing else."""
+"""Deletes run directories, and nothing else."""
 
 import os
 import secrets
@@ -13,7 +13,7 @@ from orchid_uav.experiments.runs.records import RECORD_FILE, find_run, read_reco
 from orchid_uav.notices import reason_of
 
 _HIDDEN = ".orchid-deleted-"
-"""Beginning of the names of what is being removed, which no listing shows."""
+"""Names of directories that are being removed begin with this; no listing shows them."""
 
 
 @dataclass(frozen=True)
@@ -21,22 +21,22 @@ class Removal:
     """A run that may be deleted."""
 
     path: Path
-    """In the directory of runs, whose links are resolved."""
+    """The run's path in the directory of runs; links in the latter are resolved."""
     status: str
     """The status that users see, or "damaged"."""
     size: int
-    """Bytes that are freed."""
+    """Bytes that deleting it frees."""
     link_target: str | None
-    """Where a run directory that is a link leads. Only the link is removed."""
+    """The target if the run directory is a link, of which only the link is removed; else None."""
     _identity: tuple[int, int]
 
 
 def plan_removal(names: Sequence[str], runs_dir: Path) -> list[Removal]:
-    """What deleting runs would remove; nothing is removed yet.
+    """Return what deleting runs would remove; nothing is removed yet.
 
     Args:
         names: ids, unique beginnings of ids, or paths.
-        runs_dir: where the runs lie.
+        runs_dir: the directory of the runs.
 
     Raises:
         InputError: one of them is running, is no run, or lies elsewhere.
@@ -49,7 +49,7 @@ def plan_removal(names: Sequence[str], runs_dir: Path) -> list[Removal]:
 
 
 def _place_of(name: str, runs_dir: Path) -> Path:
-    """Where it lies, the last part of the path not followed if it is a link."""
+    """The run's path; its last part is not followed if it is a link."""
     path = find_run(name, runs_dir)
     if path.name in ("", ".."):
         path = path.resolve()
@@ -90,16 +90,16 @@ def _size_of(directory: Path) -> int:
 
 
 def remove(removals: Iterable[Removal]) -> list[str]:
-    """Delete runs, each in one step for whoever looks: it is renamed before it is taken apart.
+    """Delete runs; each disappears in one step, as it is renamed before its files are deleted.
 
     Links are removed and never followed. An interruption leaves every run whole or gone.
 
     Returns:
-        Their ids.
+        The ids of the deleted runs.
 
     Raises:
-        InputError: one was replaced or is being written since it was looked at.
-        RunFailedError: one cannot be removed.
+        InputError: since the plan was made, a run was replaced or a process began to write it.
+        RunFailedError: a run cannot be removed.
     """
     deleted = []
     for removal in removals:
@@ -136,11 +136,11 @@ def _take_apart(hidden: Path) -> None:
     if hidden.is_symlink():
         hidden.unlink()
     elif hidden.exists():
-        shutil.rmtree(hidden)  # follows no link
+        shutil.rmtree(hidden)  # this follows no links
 
 
 def _finish_earlier(runs_dir: Path) -> None:
-    """Remove what a deletion left that was killed."""
+    """Remove what a killed deletion left."""
     for path in runs_dir.glob(f"{_HIDDEN}*"):
         if not path.is_symlink():
             shutil.rmtree(path, ignore_errors=True)
