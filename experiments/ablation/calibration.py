@@ -13,10 +13,10 @@ _ROUNDS = 2
 
 
 def seconds_per_episode(config: RunConfig) -> float:
-    """Seconds that an episode and the updates on it take, after compilation and a first round.
+    """Seconds that an episode and its updates take, after compilation and a first round.
 
     Raises:
-        RunFailedError: such runs fail in their first episodes.
+        RunFailedError: training fails in the first episodes.
     """
     set_up_torch(config.training.threads)
     worlds = config.training.worlds
@@ -29,5 +29,5 @@ def seconds_per_episode(config: RunConfig) -> float:
         began_s = time.perf_counter()
         model.learn(_ROUNDS * rows, log_interval=None, reset_num_timesteps=False)  # type: ignore[arg-type]
         return (time.perf_counter() - began_s) / (_ROUNDS * worlds)
-    except Exception as error:  # whatever a training run would record
+    except Exception as error:  # whatever a training run would record as its failure
         raise RunFailedError(f"{type(error).__name__} in the first episodes") from error

@@ -50,34 +50,34 @@ FLOWN = (
     "worst_rate_bps",
     "utility",
 )
-"""Metrics of the held-out topologies that are compared: one family of tests per variant."""
+"""Metrics on held-out topologies that are compared; per variant they are one family of tests."""
 TRAINED = (REWARD, *FLOWN[:-1])
-"""Metrics of the last training episodes that are compared: another family per variant."""
+"""Metrics of the last training episodes that are compared; another family per variant."""
 SETTLED = (151, 200)
-"""Episodes that the last ones are compared with, to see whether a metric falls late (claim C4)."""
+"""First and last episode that the end is compared with, to see a late fall (claim C4)."""
 WINDOWS = (10, 25, 50, 100)
 TOLERANCES = (0.01, 0.02, 0.05, 0.1)
 """Parameters with which the trigger is replayed on runs without Reset-and-Finetune."""
 
 Values = dict[str, list[float]]
-"""By metric, one value per seed, NaN for a run that failed."""
+"""One value per seed, by metric; NaN for a run that failed."""
 
 
 @dataclass(frozen=True)
 class Ablation:
-    """What is trained and flown."""
+    """A base, its variants and seeds, and how their policies are flown."""
 
     base: RunConfig
     variants: Sequence[Variant]
     seeds: Sequence[int]
     topologies: int
-    """Held-out ones that every policy flies."""
+    """Number of held-out topologies that every policy flies."""
     evaluation_seed: int
     margin: float
-    """Share of the base's mean that does not matter, for tests of equivalence."""
+    """Difference that does not matter in tests of equivalence, as a share of the base's mean."""
 
     def configurations(self) -> dict[str, RunConfig]:
-        """By name, of the base and all variants, with the base's seed."""
+        """Configurations of the base and all variants, by name, with the base's seed."""
         own = {variant.name: apply_variant(variant, self.base) for variant in self.variants}
         return {BASE: self.base, **own}
 
@@ -91,7 +91,7 @@ class Ablation:
         ]
 
     def jobs(self, runs_dir: Path, command: Sequence[str]) -> list[TrainingJob]:
-        """A run for every seed and variant, seed by seed."""
+        """A training job for every seed and configuration, seed by seed."""
         return [
             TrainingJob(name, with_seed(config, seed), runs_dir, tuple(command))
             for seed in self.seeds
@@ -103,7 +103,7 @@ class Ablation:
         variants = {variant.name: dict(variant.values) for variant in self.variants}
         return AblationSettings(
             base=self.base.model_dump(mode="json"),
-            variants=json.loads(json.dumps(variants)),  # of tuples, lists
+            variants=json.loads(json.dumps(variants)),  # tuples become lists
             seeds=list(self.seeds),
             topologies=self.topologies,
             evaluation_seed=self.evaluation_seed,
@@ -113,10 +113,10 @@ class Ablation:
         )
 
     def plan(self, policies: Mapping[tuple[str, int], Policy]) -> Plan:
-        """The flights of all policies, their zero-action twins and simple rules.
+        """The flights of all policies, of their zero-action twins and of simple rules.
 
         Args:
-            policies: by variant and seed; those of failed runs are missing.
+            policies: the policies by variant and seed, without those of failed runs.
         """
         objectives: dict[str, None] = {}
         contenders: list[Contender] = []
@@ -128,7 +128,7 @@ class Ablation:
                 contender.with_overrides(own)
                 for is_zero in (False, True)
                 for contender in rows_of(policy, key_of(name, seed), name, True, is_zero)
-                # Without noise the twins of all seeds do the same.
+                # Without noise the twins of all seeds act alike, so that one is enough.
                 if not is_zero or not contender.deterministic or is_first
             ]
         shown = [f"{rule}-{objective}" for rule in ("static", "loiter") for objective in objectives]
@@ -147,20 +147,20 @@ class Ablation:
 
 
 def with_seed(config: RunConfig, seed: int) -> RunConfig:
-    """The configuration with another seed."""
+    """The configuration with the given seed."""
     training = config.training.model_copy(update={"seed": seed})
     return config.model_copy(update={"training": training})
 
 
 def key_of(name: str, seed: int) -> str:
-    """What a run's policy is called among the flights."""
+    """The key of a run's policy among the flights."""
     return f"{name}-s{seed}"
 
 
 def world_values(config: RunConfig, base: RunConfig) -> dict[str, Any]:
-    """What a variant's world has otherwise than the base's: it is flown in its own.
+    """Values in which a variant's world differs from the base's; the variant is flown with them.
 
-    Weights of the reward are none of it: all policies are judged by the base's.
+    The weights of the reward are left out: all policies are judged by the base's.
     """
     own, others = flatten(config), flatten(base)
     return {
@@ -173,7 +173,7 @@ def world_values(config: RunConfig, base: RunConfig) -> dict[str, Any]:
 
 
 def differing_worlds(ablation: Ablation) -> dict[str, list[str]]:
-    """By variant, the keys of the world that it changes."""
+    """The keys of the world that each variant changes, by variant; without unchanged worlds."""
     worlds = {
         name: list(world_values(config, ablation.base))
         for name, config in ablation.configurations().items()
@@ -182,7 +182,7 @@ def differing_worlds(ablation: Ablation) -> dict[str, list[str]]:
 
 
 def read_policies(jobs: Iterable[TrainingJob]) -> dict[tuple[str, int], Policy]:
-    """Policies of the runs that are complete, by name and seed."""
+    """Read the policies of the complete runs, by name and seed."""
     found = [(job, job.completed()) for job in jobs]
     return {(job.name, job.config.training.seed): read_policy(path) for job, path in found if path}
 
@@ -190,7 +190,7 @@ def read_policies(jobs: Iterable[TrainingJob]) -> dict[tuple[str, int], Policy]:
 def flown_values(
     results: Iterable[EvaluationResult], name: str, seeds: Sequence[int], deterministic: bool
 ) -> Values:
-    """Mean over the topologies, per metric and seed."""
+    """Means over the topologies, per metric and seed."""
     found = {
         result.method: result.metrics for result in results if result.deterministic == deterministic
     }
@@ -218,14 +218,14 @@ def compare(
     margin: float,
     rewarded_otherwise: Collection[str] = (),
 ) -> dict[str, dict[str, Comparison]]:
-    """Every variant against the base, metric by metric; the metrics of a variant are one family.
+    """Compare each variant with the base by each metric; the metrics of a variant are one family.
 
     Args:
-        values: of the base and all variants.
-        metrics: those that are compared.
-        margin: of equivalence, as a share of the base's mean.
-        rewarded_otherwise: variants whose reward is another function than the base's, and so no
-            metric to compare: its verdict is "not compared", and it belongs to no family.
+        values: values of the base and all variants.
+        metrics: the metrics to compare.
+        margin: margin of equivalence, as a share of the base's mean.
+        rewarded_otherwise: variants whose reward function is not the base's. Their rewards cannot
+            be compared: the verdict is "not compared", and the reward belongs to no family.
     """
     better = {metric: METRICS[metric].better or "higher" for metric in metrics}
     margins = {}
@@ -272,9 +272,9 @@ def describe_values(values: Mapping[str, Values]) -> dict[str, dict[str, SeedSum
 def late_changes(
     logs: Mapping[str, Sequence[Sequence[Row]]],
 ) -> dict[str, dict[str, SeedSummary]] | None:
-    """By variant and metric, the last episodes' mean minus that of ``SETTLED``, over seeds.
+    """The mean of the last episodes minus that of ``SETTLED``, over seeds, by variant and metric.
 
-    None where runs are too short for that.
+    None if a run is too short for that.
     """
     runs = [rows for own in logs.values() for rows in own if rows]
     if not runs or min(map(len, runs)) < SETTLED[1] + FINAL_EPISODES:
@@ -289,7 +289,7 @@ def late_changes(
 
 
 def _late_change(rows: Sequence[Row], metric: str) -> float:
-    """NaN for a run that failed."""
+    """The late change of one run; NaN if it failed."""
     if not rows:
         return math.nan
     first, last = SETTLED
@@ -298,7 +298,7 @@ def _late_change(rows: Sequence[Row], metric: str) -> float:
 
 
 def replayed_trigger(logs: Sequence[Sequence[Row]]) -> list[TriggerReplay]:
-    """When Reset-and-Finetune's trigger would have fired on runs, for a grid of its parameters.
+    """When the trigger of Reset-and-Finetune would have fired, for a grid of its parameters.
 
     On a policy that does not learn every firing is a false alarm. One tolerance holds for both
     metrics.

@@ -13,12 +13,12 @@ from orchid_uav.storage.documents import Document
 
 
 class AblationSettings(Document):
-    """What was compared."""
+    """The settings of an ablation."""
 
     base: Annotated[dict[str, dict[str, JsonValue]], CURRENT_KEYS]
-    """Its configuration."""
+    """The base's configuration."""
     variants: dict[str, Annotated[dict[str, JsonValue], CURRENT_KEYS]]
-    """By name, the values that are other than the base's, by ``"section.key"``."""
+    """The values that differ from the base's, by the variant's name and ``"section.key"``."""
     seeds: list[int]
     topologies: int
     evaluation_seed: int
@@ -29,12 +29,12 @@ class AblationSettings(Document):
 
 
 class AblationRun(Document):
-    """A run, and its metrics, one number each; None where it has none."""
+    """A run and its metrics, one number each; None for a missing number."""
 
     variant: str
     seed: int
     run: str | None
-    """Its id, None if it has not begun."""
+    """The run's id; None if it has not begun."""
     status: SeenStatus | Literal["not begun"]
     episodes: int
     seconds: float | None
@@ -46,7 +46,7 @@ class AblationRun(Document):
 
 
 class TriggerReplay(Document):
-    """In how many runs Reset-and-Finetune's trigger would have fired."""
+    """In how many runs the trigger of Reset-and-Finetune would have fired."""
 
     window: int
     tolerance: float
@@ -56,7 +56,7 @@ class TriggerReplay(Document):
 
 
 class AblationHeader(ResultHeader):
-    """What ``ablation.json`` says before anything was compared."""
+    """The content of ``ablation.json`` before anything was compared."""
 
     settings: AblationSettings
     updated: str
@@ -70,14 +70,14 @@ class AblationResult(AblationHeader):
 
     runs: list[AblationRun]
     values: dict[str, dict[str, dict[str, SeedSummary]]]
-    """By variant and metric."""
+    """Values over seeds, by variant and metric."""
     comparisons: dict[str, dict[str, dict[str, Comparison]]]
     """By variant, each compared with the base, and by metric."""
     others: list[EvaluationResult]
     """Rules and zero-action twins on the same topologies."""
     late_changes: dict[str, dict[str, SeedSummary]] | None
-    """By variant and metric; None where runs are too short."""
+    """Late changes by variant and metric; None if runs are too short."""
     replayed_trigger: dict[str, list[TriggerReplay]]
-    """By variant without Reset-and-Finetune."""
+    """Replays of the trigger, by variant; only variants without Reset-and-Finetune."""
     learning_curves: dict[str, dict[str, CurveTable]]
-    """By variant and metric."""
+    """Learning curves by variant and metric."""

@@ -1,4 +1,4 @@
-"""The directory of an ablation: its runs, their flights, what they say."""
+"""The directory of an ablation: its runs, their flights, and the results."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -51,21 +51,21 @@ DEFAULT_PARENT = Path("orchid-ablate")
 DOCUMENT_FILE, CURVES_FILE = "ablation.json", "learning_curves.png"
 RUNS_FOLDER, JOBS_FOLDER, EVALUATION_FOLDER = "runs", "jobs", "evaluation"
 CURVE_WINDOW, CURVE_STEP = 20, 10
-"""Episodes of the trailing mean of a learning curve, and from one of its points to the next."""
+"""Episodes of a learning curve's trailing mean, and from one of its points to the next."""
 _LARGEST_DOCUMENT = 64 * 2**20
 _FIXED = ("base", "topologies", "evaluation_seed", "margin")
-"""Settings that stay as they are when a study is gone on with."""
+"""Settings that must not change when a study goes on."""
 
 Outcome = Literal["completed", "failed", "interrupted"]
 
 
 class AblationStudy:
-    """An ablation in its directory, where what is finished is not done again.
+    """An ablation in its directory, where nothing that is finished is done again.
 
     Args:
         ablation: what is compared.
-        directory: of the study.
-        command: how it was called, for the records.
+        directory: the study's directory.
+        command: the command that was called, for the records.
 
     Raises:
         InputError: the directory holds something else, or cannot be written.
@@ -103,14 +103,14 @@ class AblationStudy:
         return [job for job in self.training_jobs if not job.completed()]
 
     def reserve(self) -> None:
-        """Make the directory and say in it what is to come.
+        """Make the directory and write the settings into it.
 
         Raises:
-            InputError: it cannot be written.
+            InputError: the directory cannot be written.
         """
         try:
             self.directory.mkdir(parents=True, exist_ok=True)
-            # First of all: a directory that holds anything without it is somebody else's.
+            # This file comes first: a directory that has content but lacks it is somebody else's.
             write_json(self.directory / DOCUMENT_FILE, self._header("running").to_json())
             for folder in (JOBS_FOLDER, RUNS_FOLDER):
                 (self.directory / folder).mkdir(exist_ok=True)
@@ -125,8 +125,8 @@ class AblationStudy:
         """Train what is not complete, and say whether all runs are complete then.
 
         Args:
-            executor: where the runs are trained.
-            progress: shows them.
+            executor: runs the training jobs.
+            progress: shows the progress of the jobs.
             costs: how long a run takes, by variant.
 
         Raises:
@@ -147,10 +147,10 @@ class AblationStudy:
     def evaluate(self, progress: FlightProgress) -> AblationResult | None:
         """Fly all policies, compare them, and write ``ablation.json``; None if interrupted.
 
-        Runs that failed count as failures; a variant may have no other.
+        Failed runs are counted as failures; all runs of a variant may have failed.
 
         Raises:
-            RunFailedError: no run at all was completed, or the disk is full.
+            RunFailedError: not a single run was completed, or the disk is full.
         """
         policies = read_policies(self.training_jobs)
         if not policies:
@@ -184,7 +184,7 @@ class AblationStudy:
             raise RunFailedError(f"cannot write to {self.directory}: {reason_of(error)}") from error
 
     def _fly(self, plan: Plan, progress: FlightProgress) -> EvaluationSummary:
-        """The summary of an evaluation that is complete already, or is gone on with, or begun."""
+        """Return the summary of the evaluation; it is begun or resumed if it is not complete."""
         settings = describe_plan(plan, 0)
         folder = self.directory / EVALUATION_FOLDER
         try:
@@ -196,7 +196,7 @@ class AblationStudy:
             pass
         try:
             flown = read_interrupted(folder, plan, settings)
-        except InputError:  # of other runs, before some were added
+        except InputError:  # an evaluation from before runs were added
             flown = {}
             for name in (SUMMARY_FILE, FLIGHTS_FILE):
                 (folder / name).unlink(missing_ok=True)
@@ -262,7 +262,7 @@ class AblationStudy:
     def _describe_run(
         self, job: TrainingJob, families: Mapping[str, tuple[Mapping[str, Any], Any]]
     ) -> AblationRun:
-        """A run's metrics, one number each: what the comparisons are made from."""
+        """Describe a run, with the numbers from which the comparisons are made, one per metric."""
         path, seed = job.find(), job.config.training.seed
         record = read_record(path) if path else None
         index = list(self.ablation.seeds).index(seed)

@@ -21,11 +21,11 @@ FROZEN = "frozen"
 
 
 class Variant(NamedTuple):
-    """Some values other than the base's."""
+    """Some values that differ from the base's."""
 
     name: str
     values: Mapping[str, Any]
-    """By ``"section.key"``."""
+    """The values, by ``"section.key"``."""
 
 
 CONTROLS: dict[str, str] = {
@@ -40,10 +40,10 @@ _LONGEST_NAME = 48
 
 
 def control(name: str, base: RunConfig) -> Variant:
-    """A control for Reset-and-Finetune.
+    """Return a control for Reset-and-Finetune.
 
     Raises:
-        InputError: unknown, or the base has no Reset-and-Finetune to be controlled for.
+        InputError: the control is unknown, or the base does not use Reset-and-Finetune.
     """
     if name not in CONTROLS:
         raise InputError(unknown("control", name, CONTROLS, cutoff=0.4))
@@ -72,7 +72,7 @@ def control(name: str, base: RunConfig) -> Variant:
 
 
 def variants_of_values(option: str, key: str, values: Iterable[Any]) -> list[Variant]:
-    """A variant for each value of one key, named by the option."""
+    """A variant for each value of one key, named after the option and the value."""
     return [Variant(_name(f"{option}-{value}"), {key: value}) for value in values]
 
 
@@ -93,18 +93,18 @@ def apply_variant(variant: Variant, base: RunConfig) -> RunConfig:
     """The configuration of a variant.
 
     Raises:
-        InputError: an unknown key or a value that does not fit.
+        InputError: a key is unknown or a value does not fit.
     """
     own = Layer(f"variant {variant.name}", variant.values)
     return merge([Layer("base", flatten(base)), own])[0]
 
 
 def check_variants(variants: Sequence[Variant], base: RunConfig) -> list[str]:
-    """Notes on the variants, a line each.
+    """Check variants and return notes on them, a line each.
 
     Raises:
-        InputError: none, one that is as the base or as another, two of one name, or values that
-            cannot be.
+        InputError: there is no variant, one equals the base or another one, two have the same
+            name, or values do not fit.
     """
     if not variants:
         raise InputError(

@@ -1,4 +1,4 @@
-"""The directory that an evaluation leaves: ``episodes.parquet``, ``summary.json``, figures."""
+"""The directory of an evaluation: ``episodes.parquet``, ``summary.json`` and figures."""
 
 import json
 import shutil
@@ -45,7 +45,7 @@ EPISODES_FILE, SUMMARY_FILE, FIGURES_FOLDER = "episodes.parquet", "summary.json"
 
 
 def make_default_directory(parent: Path = DEFAULT_PARENT) -> Path:
-    """A new ``<parent>/<UTC time>``, with a number behind it if that is taken."""
+    """Make a new directory ``<parent>/<UTC time>``, with a number added if that exists."""
     name = f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}"
     for suffix in ("", *(f"-{number}" for number in range(2, 100))):
         directory = parent / (name + suffix)
@@ -88,7 +88,7 @@ def describe_plan(plan: Plan, planner_evaluations: int) -> EvaluationSettings:
         "ci95": f"{INTERVAL}, over topologies",
         "headroom": f"(U - U_{FLOOR}) / (U_{CEILING} - U_{FLOOR}), U the mean utility",
     }
-    return EvaluationSettings.from_json(json.loads(json.dumps(described)))  # of tuples, lists
+    return EvaluationSettings.from_json(json.loads(json.dumps(described)))  # tuples become lists
 
 
 def read_interrupted(
@@ -97,16 +97,16 @@ def read_interrupted(
     settings: EvaluationSettings,
     note: Callable[[str], None] = lambda text: None,
 ) -> Flown:
-    """The flights of an interrupted evaluation of the same settings; none if there is nothing yet.
+    """Read the flights of an interrupted evaluation of the same settings; none from no directory.
 
     Args:
-        directory: of the evaluation.
-        plan: what is to be flown.
-        settings: of :func:`describe_plan`.
-        note: told, in a sentence, why flights that are there have to be flown again.
+        directory: the evaluation's directory.
+        plan: the flights of the evaluation.
+        settings: the result of :func:`describe_plan`.
+        note: called with a sentence if existing flights have to be flown again.
 
     Raises:
-        InputError: the directory holds anything else, which is not to be overwritten.
+        InputError: the directory holds anything else, which must not be overwritten.
     """
     try:
         if not directory.exists() or (directory.is_dir() and not any(directory.iterdir())):
@@ -159,14 +159,14 @@ def _with_current_keys(settings: dict[str, Any]) -> dict[str, Any]:
     try:
         return EvaluationSettings.from_json(settings).to_json()
     except ValueError:
-        return settings  # of another version: what differs is told
+        return settings  # of another version; the caller reports what differs
 
 
 def reserve_directory(directory: Path) -> None:
     """Make the directory before anything is flown, and check that it can be written.
 
     Raises:
-        InputError: it cannot be written.
+        InputError: the directory cannot be written.
     """
     try:
         directory.mkdir(parents=True, exist_ok=True)
@@ -176,7 +176,7 @@ def reserve_directory(directory: Path) -> None:
 
 
 def episodes_table(plan: Plan, flown: Flown) -> pa.Table:
-    """A row per method, setting and episode."""
+    """Make the table of episodes, with a row per method, setting and episode."""
     seeds = evaluation_seeds(plan.seed, plan.episodes)
     columns: dict[str, list[Any]] = {}
     for flight in plan.flights():
@@ -202,7 +202,7 @@ def summary_document(
 
 
 def header_of(command: list[str], status: Status) -> dict[str, Any]:
-    """What every document of results begins with."""
+    """The keys with which every document of results begins."""
     host = describe_host()
     del host["name"]
     return {
@@ -226,16 +226,16 @@ def run_evaluation(
 ) -> EvaluationSummary:
     """Fly a plan and fill the directory; the summary's status says whether all of it was flown.
 
-    Interrupted, it draws nothing and computes no intervals, which would take longer than a moment.
+    After an interruption no figures are drawn and no intervals computed, as both take long.
 
     Args:
-        plan: what to fly.
-        settings: of :func:`describe_plan`.
-        directory: reserved for it.
-        command: how it was called.
-        flown: flights of before.
-        progress: shows it.
-        with_figures: draw them.
+        plan: the flights of the evaluation.
+        settings: the result of :func:`describe_plan`.
+        directory: the evaluation's directory, made by :func:`reserve_directory`.
+        command: the command that was called.
+        flown: flights of an earlier, interrupted call.
+        progress: shows the progress.
+        with_figures: whether to draw figures.
 
     Raises:
         RunFailedError: the directory cannot be written.
@@ -262,7 +262,7 @@ def run_evaluation(
 
 
 def _remove_if_empty(directory: Path) -> None:
-    """And the folder of the default directories with it."""
+    """Remove the directory if it is empty, and the parent of default directories likewise."""
     for one in (directory, *([directory.parent] if directory.parent == DEFAULT_PARENT else [])):
         if one.is_dir() and not any(one.iterdir()):
             one.rmdir()
@@ -271,14 +271,14 @@ def _remove_if_empty(directory: Path) -> None:
 def save_flights(
     directory: Path, plan: Plan, flown: Flown, settings: EvaluationSettings, command: list[str]
 ) -> None:
-    """Keep flights so that the same evaluation can go on from them.
+    """Save flights, so that the same evaluation can go on from them.
 
     Raises:
-        RunFailedError: they cannot be written.
+        RunFailedError: the flights cannot be written.
     """
     document = summary_document(plan, {}, settings, command, is_complete=False)
     with _told(directory):
-        # In this order: a summary without episodes is one of nothing flown yet.
+        # In this order: a summary without a table of episodes means that nothing was flown yet.
         if not (directory / SUMMARY_FILE).exists():
             write_json(directory / SUMMARY_FILE, document.to_json())
         _write_table(episodes_table(plan, flown), directory / EPISODES_FILE)
@@ -287,7 +287,7 @@ def save_flights(
 def write_evaluation(
     directory: Path, document: EvaluationSummary, with_figures: bool = True
 ) -> None:
-    """Add the summary to saved flights, and figures; without these, if they cannot be drawn.
+    """Add the summary to saved flights, and figures if they can be drawn.
 
     Raises:
         RunFailedError: the summary cannot be written.
@@ -295,7 +295,7 @@ def write_evaluation(
     with _told(directory):
         shutil.rmtree(directory / FIGURES_FOLDER, ignore_errors=True)
         if with_figures and document.results:
-            # All results, though not all that was asked for: the same command would go on.
+            # All results are known but not drawn yet: "interrupted" lets the same command go on.
             write_json(
                 directory / SUMMARY_FILE,
                 document.model_copy(update={"status": "interrupted"}).to_json(),

@@ -1,4 +1,4 @@
-"""Every method over the same held-out topologies."""
+"""Flies every method over the same held-out topologies."""
 
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -28,16 +28,16 @@ from orchid_uav.experiments.statistics.results import EvaluationResult
 
 Floats = NDArray[np.float64]
 Metrics = dict[str, Floats]
-"""Every metric of ``EVALUATION_METRICS`` for all episodes of a flight, (episodes,)."""
+"""The values of every metric of ``EVALUATION_METRICS`` over a flight's episodes, (episodes,)."""
 
 FLOOR, CEILING = "loiter-mmf", "planner"
-"""Methods between whose utilities the headroom lies."""
+"""Methods whose utilities are the ends of the headroom, 0 % and 100 %."""
 _WORLDS_AT_ONCE = 1000
 _USUAL = NetworkParameters()
 
 
 class Setting(NamedTuple):
-    """The world of some flights."""
+    """The values by which the worlds of an evaluation differ."""
 
     distribution: Distribution = _USUAL.distribution
     uavs: int = _USUAL.uav_count
@@ -46,14 +46,14 @@ class Setting(NamedTuple):
     heading_hold_s: float = _USUAL.heading_hold_s
 
     def values(self) -> dict[str, Any]:
-        """The same by ``"section.key"``."""
+        """The values of the setting, by ``"section.key"``."""
         return dict(zip(SETTING_FIELDS, self, strict=True))
 
     def apply(self, world: Parameters) -> Parameters:
-        """The parameters of this setting.
+        """The parameters of a world with this setting.
 
         Raises:
-            InputError: a combination that cannot be.
+            InputError: the combination is not possible.
         """
         try:
             return world.with_overrides(self.values())
@@ -68,12 +68,12 @@ SETTING_FIELDS = (
     "network.user_speed_mps",
     "network.heading_hold_s",
 )
-"""The keys of what a setting consists of, in its order."""
+"""The keys of the values of a setting, in their order."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What is to be flown."""
+    """All that an evaluation flies."""
 
     contenders: Sequence[Contender]
     settings: Sequence[Setting]
@@ -87,7 +87,7 @@ class Plan:
             yield Flight(setting, contender)
 
     def check(self) -> None:
-        """Raise InputError for a setting that cannot be flown, before any is."""
+        """Raise InputError if a setting cannot be flown, before anything is flown."""
         for setting in self.settings:
             parameters = setting.apply(self.world)
             for contender in self.contenders:
@@ -107,13 +107,13 @@ class Flight(NamedTuple):
 
 
 class FlightProgress:
-    """Shows how far an evaluation is; this one shows nothing."""
+    """Shows the progress of an evaluation; this base class shows nothing."""
 
     def begin(self, total_cost: float) -> None:
         """The flights are about to begin."""
 
     def start(self, flight: Flight) -> None:
-        """This flight is next."""
+        """This flight begins."""
 
     def advance(self, cost: float) -> None:
         """This much more of the total cost is done."""
@@ -133,18 +133,18 @@ def evaluate(
     save: Callable[[Flown], None] = lambda flown: None,
     stop: Callable[[], bool] = lambda: False,
 ) -> tuple[Flown, bool]:
-    """Fly all flights of a plan; all topologies of a setting as one batch.
+    """Fly all flights of a plan; the topologies of a setting are flown in large batches.
 
     Args:
-        plan: what to fly.
-        progress: shows it; nothing by default.
+        plan: the flights of the evaluation.
+        progress: shows the progress; by default nothing is shown.
         flown: flights of an interrupted evaluation of the same plan, which are not flown again.
         save: called with all flights so far after every setting, and however the flying ends.
-        stop: asked in every slot, since libraries lose a KeyboardInterrupt in what they call back.
+        stop: asked in every slot, since libraries may lose a KeyboardInterrupt in their callbacks.
 
     Returns:
-        The metrics by flight, and whether all flights were flown: KeyboardInterrupt ends the
-        evaluation and loses the flight that was going on.
+        The metrics by flight, and whether all flights were flown. KeyboardInterrupt ends the
+        evaluation, and the flight in progress is lost.
     """
 
     def heed_stop() -> None:
@@ -156,7 +156,7 @@ def evaluate(
     waiting = [flight for flight in plan.flights() if flight.key not in done]
     progress.begin(sum(_cost(flight) for flight in waiting))
     try:
-        # One thread: small matrices, and metrics that do not depend on the number of cores.
+        # One thread: matrices are small, and metrics must not depend on the number of cores.
         with threadpool_limits(1):
             for setting, flights in itertools.groupby(waiting, lambda flight: flight.setting):
                 topologies = _Topologies(plan, setting)
@@ -193,7 +193,7 @@ def _cost(flight: Flight) -> float:
 
 
 class _Topologies:
-    """Held-out topologies of a setting, drawn once for all methods of one start and world."""
+    """Held-out topologies of a setting, drawn once for methods with the same start and world."""
 
     def __init__(self, plan: Plan, setting: Setting) -> None:
         self.seeds = evaluation_seeds(plan.seed, plan.episodes)
@@ -203,7 +203,7 @@ class _Topologies:
     def of(self, contender: Contender) -> tuple[Parameters, Topologies]:
         """The parameters that a method flies with, and its topologies."""
         parameters = self._parameters.with_overrides(dict(contender.overrides))
-        # Nothing that is drawn depends on reward and shares.
+        # Reward and shares do not affect what is drawn.
         kind = parameters.model_dump_json(exclude={"reward": True, "network": {"shares"}})
         if kind not in self._drawn:
             try:
@@ -262,7 +262,7 @@ def _fly_batch(
         progress.advance(cost / len(seeds))
         heed_stop()
 
-    if isinstance(method, Planner):  # which takes its time before it flies
+    if isinstance(method, Planner):  # the planner takes most of its time before it flies
         method.after_each = plan_made
     method.begin(world)
     diagnostics = Diagnostics(world)
@@ -286,10 +286,10 @@ def summarise_flights(
     """The "results" of ``summary.json``: one for every flight that was flown.
 
     Args:
-        plan: what was to be flown.
+        plan: the flights of the evaluation.
         flown: metrics by flight.
         with_intervals: whether to compute confidence intervals, which take most of the time, and
-            the headroom, which is told from nothing by one.
+            the headroom, which needs an interval to tell whether there is any.
     """
     results = []
     for flight in plan.flights():
@@ -308,7 +308,7 @@ def summarise_flights(
 
 
 def describe(flight: Flight) -> dict[str, Any]:
-    """What was flown, and where, as in the results and in the table of episodes."""
+    """Describe method and setting as the results and the table of episodes do."""
     setting, contender = flight
     return {
         "method": contender.key,
@@ -334,6 +334,6 @@ def _headroom(
     samples = metrics["utility"], floor["utility"], ceiling["utility"]
     room = summarise(samples[2] - samples[1])
     if room.mean is None or room.mean <= 0.0 or (room.ci95 and room.ci95[0] <= 0.0):
-        return UNKNOWN  # no room to speak of
+        return UNKNOWN  # the room cannot be told from none
     mean = float(share(*samples, axis=-1))
     return MetricSummary(mean=mean, std=None, ci95=interval(samples, share))

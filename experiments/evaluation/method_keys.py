@@ -1,9 +1,9 @@
-"""What methods are called: keys and groups, without the methods, which take a second to import."""
+"""Keys and groups of methods, apart from the methods, which take a second to import."""
 
 ALL, RULES, LEARNED = "all", "rules", "learned"
 """Groups of methods, for ``--methods``."""
 ZERO = "-zero"
-"""End of the key of a learned policy's twin without actions."""
+"""Suffix of the key of a learned policy's zero-action twin."""
 
 RELEASED = {
     "orchid": "MAPPO and Reset-and-Finetune: the paper's proposal",
@@ -32,6 +32,6 @@ RULE_IDEAS = {
 
 
 def known_methods() -> list[str]:
-    """Keys that ``--methods`` takes, besides the groups."""
+    """Keys that ``--methods`` accepts, besides the groups."""
     learned = [key + suffix for key in RELEASED for suffix in ("", ZERO)]
     return [*learned, *RULE_IDEAS]

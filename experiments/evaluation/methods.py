@@ -1,4 +1,4 @@
-"""Every method that can be evaluated, by its key, and policies from run directories beside them."""
+"""Methods that can be evaluated: built-in ones by key, and policies of run directories."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -32,11 +32,11 @@ METHOD_KEYS = (
     "deployment.init",
     "uav.observation",
 )
-"""What belongs to a method rather than to the world that it flies in."""
+"""Keys that belong to a method rather than to the world that it flies in."""
 
 
 def method_overrides(objective: str, init: str = "kmeans") -> dict[str, Any]:
-    """What a method without a run's configuration overrides, a value for each ``METHOD_KEYS``."""
+    """Values of all ``METHOD_KEYS`` for a method that has no run's configuration."""
     return {
         "reward.objective": objective,
         "network.shares": None,
@@ -52,16 +52,16 @@ class OwnFile(NamedTuple):
     """The user's file that a method comes from."""
 
     name: str
-    """The file's, without its folders."""
+    """Name of the file, without its folders."""
     attribute: str
-    """The class's."""
+    """Name of the class."""
     sha256: str
     """Checksum of the file."""
 
 
 @dataclass(frozen=True)
 class Policy:
-    """A learned policy and the run that it comes from."""
+    """A learned policy, with the run in which it was learned."""
 
     actor: LocalActor
     run: str
@@ -80,14 +80,14 @@ class Contender:
     overrides: Mapping[str, Any]
     """Parameters that belong to the method, by ``"section.key"``."""
     make: Callable[[Sequence[int]], Controller]
-    """The method, for worlds of the given seeds."""
+    """Makes the method for worlds of the given seeds."""
     policy: Policy | None = None
     own_file: OwnFile | None = None
     deterministic: bool = True
     is_comparable: bool = True
-    """False if it serves other users than the others do."""
+    """False if it serves other users than the other methods do."""
     cost: float = 1.0
-    """Rough duration of a flight, that of hovering being 1, to tell the time left."""
+    """Rough duration of a flight, relative to hovering; for the estimate of the time left."""
 
     def with_overrides(self, values: Mapping[str, Any]) -> "Contender":
         """The same row with further parameters that belong to the method."""
@@ -107,11 +107,11 @@ COMMANDS: dict[str, tuple[str, ...]] = {
     "maddpg-pf": ("--algorithm", "maddpg", "--objective", "pf", *_TUNED_MADDPG),
     "maddpg-mmf": ("--algorithm", "maddpg", *_TUNED_MADDPG),
 }
-"""Arguments of ``orchid train`` that each of them was trained with."""
+"""Arguments of ``orchid train`` with which each released policy was trained."""
 
 
 def rules(planner_evaluations: int = EVALUATIONS) -> dict[str, Contender]:
-    """The methods that need no training, by their keys."""
+    """The methods that need no training, by key."""
     planning = 3.0 * planner_evaluations / 30.0
     contenders = [
         Contender("static-pf", RULE_IDEAS["static-pf"], _PF, lambda _: Hover()),
@@ -172,7 +172,7 @@ def rules(planner_evaluations: int = EVALUATIONS) -> dict[str, Contender]:
 
 
 def groups() -> dict[str, list[str]]:
-    """What the groups stand for: "all" leaves out the rules that serve other users."""
+    """The keys in each group; "all" leaves out the rules that serve other users."""
     catalogue = rules()
     comparable = [key for key, contender in catalogue.items() if contender.is_comparable]
     learned = [key for key in known_methods() if key not in catalogue]
@@ -180,7 +180,7 @@ def groups() -> dict[str, list[str]]:
 
 
 def ideas() -> dict[str, str]:
-    """What every method is, by its key."""
+    """A short description of every method, by key."""
     catalogue = rules()
     return {
         key: catalogue[key].idea
@@ -203,13 +203,13 @@ def select(
     """The rows of an evaluation, in the order of the catalogue, then the given runs.
 
     Args:
-        methods: keys or groups: "all" comparable ones, "learned" ones with their twins, "rules".
-        runs: run directories, each with its zero-action twin.
-        stochastic: add a row with sampled actions to every row of a learned policy.
+        methods: keys, or groups: "all" (comparable ones), "learned" (with their twins), "rules".
+        runs: run directories; each policy is followed by its zero-action twin.
+        stochastic: whether every row of a learned policy is followed by one with sampled actions.
         planner_evaluations: the planner's budget per topology.
 
     Raises:
-        InputError: an unknown key, or a run that cannot be flown.
+        InputError: a key is unknown, or a run cannot be flown.
     """
     catalogue, members = rules(planner_evaluations), groups()
     known = known_methods()
@@ -252,10 +252,10 @@ def rows_of(
 
     Args:
         policy: the policy.
-        name: its key.
-        idea: what it is.
-        stochastic: add a row with sampled actions, or with the noise alone.
-        is_zero: the twin.
+        name: the policy's key.
+        idea: a short description of the policy.
+        stochastic: whether to add a row with sampled actions; for the twin, with noise alone.
+        is_zero: whether the rows are those of the twin.
     """
     overrides = {key: flatten(policy.config)[key] for key in METHOD_KEYS}
 
@@ -281,17 +281,17 @@ def rows_of(
 
 
 def read_released(key: str) -> Policy:
-    """A policy that comes with the package."""
+    """Read a policy that comes with the package."""
     path = Path(str(files("orchid_uav.reference"))) / key
     return read_policy(path)
 
 
 def read_policy(path: Path) -> Policy:
-    """The policy of a run directory.
+    """Read the policy of a run directory.
 
     Raises:
-        InputError: no run, a run that goes on or failed, damaged files, or a policy for other
-            observations or actions than the environment's.
+        InputError: there is no run, it is still running or failed, files are damaged, or the
+            policy is for other observations or actions than the environment's.
     """
     record = read_record(path)
     status, run = status_of(path, record), record.id

@@ -1,7 +1,7 @@
-"""Methods of a lab's own, from a Python file that the user names: ``orchid eval --method``.
+"""Reads a user's own methods from Python files: ``orchid eval --method FILE.py:CLASS``.
 
-A file runs only because it was named on the command line. Nothing that lies in the directory of a
-run or of an evaluation names a file that is run.
+A file is executed only if it is named on the command line. Nothing in the directory of a run or of
+an evaluation can name a file that would be executed.
 """
 
 import hashlib
@@ -27,16 +27,17 @@ from orchid_uav.notices import reason_of
 
 
 def read_own_methods(specifications: Sequence[str], taken: Collection[str] = ()) -> list[Contender]:
-    """Rows of an evaluation from files.
+    """Make rows of an evaluation from files.
 
     Args:
-        specifications: ``FILE.py:CLASS`` each: a class, or another thing that can be called without
-            arguments, that makes a :class:`Controller`. It may have the attributes ``objective``
-            ("mmf", the default, or "pf"), ``deployment_init`` ("kmeans" or "random") and ``idea``.
+        specifications: each is ``FILE.py:CLASS``. The class, or anything else that can be called
+            without arguments, makes a :class:`Controller`. That may have the attributes
+            ``objective`` ("mmf", the default, or "pf"), ``deployment_init`` ("kmeans", the default,
+            or "random") and ``idea``.
         taken: keys of the evaluation's other rows.
 
     Raises:
-        InputError: no such file or class, or one that makes no method.
+        InputError: there is no such file or class, or it makes no method.
     """
     contenders: list[Contender] = []
     for specification in specifications:
@@ -91,13 +92,13 @@ def _own_method(specification: str) -> Contender:
 
 
 def _key_of(name: str) -> str:
-    """``WideCircles`` as ``wide-circles``."""
+    """Turn a class name into a key: ``WideCircles`` becomes ``wide-circles``."""
     words = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])|_+", "-", name)
     return words.strip("-").lower() or name
 
 
 def _run(path: Path, source: bytes) -> ModuleType:
-    """The module of a file, made from the very bytes whose digest is recorded."""
+    """Execute a file as a module, from the very bytes whose digest is recorded."""
     module = ModuleType(f"orchid_own_{hashlib.sha256(str(path).encode()).hexdigest()[:16]}")
     module.__file__ = str(path)
     sys.modules[module.__name__] = module  # dataclasses look for their module there
@@ -108,7 +109,7 @@ def _run(path: Path, source: bytes) -> ModuleType:
 
 
 class _Guarded:
-    """A method whose mistakes end the evaluation with its name, and the line of its file."""
+    """A method whose errors end the evaluation with its name and the line of its file."""
 
     def __init__(self, method: Controller, told: str, path: Path) -> None:
         self._method = method
@@ -116,12 +117,12 @@ class _Guarded:
         self._path = path
 
     def begin(self, world: WorldBatch) -> None:
-        """Begin, as the method does."""
+        """Begin the flight, as the method does."""
         with _Telling(RunFailedError, self._told, self._path):
             self._method.begin(world)
 
     def act(self, world: WorldBatch) -> Actions:
-        """The method's actions, if they are any."""
+        """Return the method's actions, after checking their shape and that they are finite."""
         with _Telling(RunFailedError, self._told, self._path):
             actions = np.asarray(self._method.act(world), np.float64)
         shape = (world.world_count, world.uav_count, ACTION_SIZE)
@@ -138,7 +139,7 @@ class _Guarded:
 
 
 class _Telling:
-    """Turns whatever a user's file raises into an error of one line, with file and line."""
+    """Turns whatever a user's file raises into a one-line error with the file and the line."""
 
     def __init__(self, kind: type[Exception], told: str, path: Path) -> None:
         self._kind = kind
@@ -146,10 +147,10 @@ class _Telling:
         self._path = path
 
     def __enter__(self) -> None:
-        """Begin to listen."""
+        """Enter the block; there is nothing to prepare."""
 
     def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
-        """Raise the error that the user is told."""
+        """Raise the error that the user sees, if the block raised one."""
         if isinstance(error, Exception | SystemExit):
             if isinstance(error, SyntaxError):
                 line, reason = error.lineno, error.msg
