@@ -60,21 +60,21 @@ class _Entry(NamedTuple):
     question: str
     reading: str
     pictures: Sequence[Path]
-    """The first is shown, all are linked."""
+    """The files of the figure; the first is shown, all are linked."""
 
 
 def write_evaluation_sheet(
     folder: Path, document: EvaluationSummary, figures: Sequence[Path]
 ) -> None:
-    """The page of an evaluation.
+    """Write the page of an evaluation.
 
     Args:
-        folder: where it is written, beside the figures.
+        folder: the folder of the figures, where the page is written.
         document: the evaluation's ``summary.json``.
-        figures: as ``draw_figures`` returns them, named by their metrics.
+        figures: the files that ``draw_figures`` returned, named by their metrics.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: the page cannot be written.
     """
     settings = document.settings
     facts = {
@@ -98,16 +98,16 @@ def write_evaluation_sheet(
 def write_ablation_sheet(
     folder: Path, document: ResultHeader, facts: Mapping[str, str], curves: Path
 ) -> None:
-    """The page of an ablation.
+    """Write the page of an ablation.
 
     Args:
-        folder: where it is written, beside the figure.
+        folder: the folder of the figure, where the page is written.
         document: ``ablation.json``.
-        facts: what stands at the top, in words; first of all "Setting".
+        facts: facts for the top of the page, by heading, of which "Setting" is the first.
         curves: the figure of the learning curves.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: the page cannot be written.
     """
     entry = _Entry(
         "How do the variants learn, and does one stay behind?",
@@ -118,7 +118,7 @@ def write_ablation_sheet(
 
 
 def _listed(settings: EvaluationSettings) -> list[str]:
-    """What the settings of an evaluation are crossed from."""
+    """The values that are combined into the settings of an evaluation, as text."""
     names = {"tcp": "clustered"}
     kinds = " and ".join(names.get(one, one) for one in settings.distributions)
     parts = [f"UAVs: {_numbers(settings.uavs)}", f"users: {_numbers(settings.users)}, {kinds}"]
@@ -136,7 +136,7 @@ def _numbers(values: Sequence[float]) -> str:
 
 
 def _world(world: Mapping[str, Mapping[str, Any]]) -> str:
-    """Where the world is not the paper's."""
+    """The values in which the world differs from the paper's, as text."""
     usual = Parameters().model_dump(mode="json")
     differing = [
         f"{section}.{field} = {value}"
@@ -194,7 +194,7 @@ def _write(
     facts: Mapping[str, str],
     groups: Mapping[str, Sequence[_Entry]],
 ) -> None:
-    """Write the page; text that nothing could have encoded is written as its escapes."""
+    """Write the page; characters that cannot be encoded are written as escapes."""
     program = f"orchid {document.versions['orchid_uav']}"
     rows = {name: html.escape(text) for name, text in facts.items()} | {
         "Made on": html.escape(f"{document.date} by {program}"),
@@ -227,7 +227,7 @@ def _write(
 
 
 def _whole(argument: str) -> str:
-    """A word of a command, which no line may divide."""
+    """Mark up a word of a command so that no line break divides it."""
     return f"<span>{html.escape(shlex.quote(argument))}</span>"
 
 
@@ -260,7 +260,7 @@ def _anchor(entry: _Entry) -> str:
 
 
 def _size(picture: Path) -> tuple[int, int]:
-    """Width and height of a PNG, in pixels, from the beginning of the file."""
+    """Read width and height of a PNG, in pixels, from the beginning of the file."""
     with picture.open("rb") as file:
         width, height = struct.unpack(">II", file.read(24)[16:])
     return width, height

@@ -38,13 +38,13 @@ from orchid_uav.experiments.statistics.results import EvaluationResult
 Results = Sequence[EvaluationResult]
 
 MOST_LINES = 8
-"""In a panel, besides one to compare with. More methods get further rows of panels."""
+"""The most lines of a panel, besides one to compare with; more methods get further rows."""
 
 _DIMENSIONS = {"uavs": "UAVs", "users": "users", "speed_mps": "users' greatest speed (m/s)"}
 _SETTINGS = ("distribution", *_DIMENSIONS, "heading_hold_s")
 _HOVER = ("static-pf", "static-mmf")
 _MOST_SHIFT_PT = 16.0
-"""From the first to the last of markers at the same place."""
+"""The most distance from the first to the last of the markers at one place."""
 
 
 def draw_figures(
@@ -54,11 +54,11 @@ def draw_figures(
 
     Args:
         results: the "results" of an evaluation's ``summary.json``.
-        directory: made where it is missing.
-        metrics: names of ``METRICS``.
+        directory: directory for the files; it is made if it is missing.
+        metrics: names in ``METRICS``.
 
     Returns:
-        The files. The same results give the same bytes.
+        The paths of the files. The same results give the same bytes.
     """
     directory.mkdir(parents=True, exist_ok=True)
     paths = []
@@ -75,10 +75,10 @@ def draw_figures(
 
 
 def draw_metric(results: Results, metric: str) -> Figure | None:
-    """A metric over the dimension with most values, or as dots where no dimension varies.
+    """Draw a metric over the dimension with most values, or as dots if no dimension varies.
 
     Returns:
-        The figure, or None where the metric was not measured at all.
+        The figure, or None if the metric was not measured at all.
     """
     sheet = _Sheet(results, metric)
     if not sheet.curves:
@@ -88,7 +88,7 @@ def draw_metric(results: Results, metric: str) -> Figure | None:
 
 
 class _Value(NamedTuple):
-    """A mean as it is shown, and what lies a standard deviation below and above it, if known."""
+    """A mean as it is shown, with the values one standard deviation below and above, if known."""
 
     mean: float
     low: float
@@ -97,11 +97,11 @@ class _Value(NamedTuple):
 
 _Setting = tuple[Any, ...]
 _Curve = dict[tuple[_Setting, float], _Value]
-"""By panel and place on the x axis."""
+"""The values of a method, by panel and place on the x axis."""
 
 
 class _Sheet:
-    """What a figure shows."""
+    """The content of a figure."""
 
     def __init__(self, results: Results, metric: str) -> None:
         self.metric = metric
@@ -110,7 +110,7 @@ class _Sheet:
         self.looks = line_styles(result.label for result in results)
         self.topologies = {result.episodes for result in results}
         self.curves: dict[str, _Curve] = {}
-        """By the method's label, in the order of the results."""
+        """Curves by the method's label, in the order of the results."""
         names = [name for name in _SETTINGS if name != self.dimension]
         for result in results:
             summary = result.metrics[metric]
@@ -128,7 +128,7 @@ class _Sheet:
         self.has_spread = any(value.low < value.high for value in values)
 
     def draw_lines(self) -> Figure:
-        """A block for each family of methods, in it panels by setting side by side."""
+        """Draw a block for each family of methods, in which every setting has a panel."""
         marks, identities = identity_marks(self._identical())
         texts = {label: f"{label} {marks.get(label, '')}".strip() for label in self.looks}
         families = _families(list(self.curves))
@@ -159,7 +159,7 @@ class _Sheet:
             handles = [Line2D([], [], label=texts[label], **self.looks[label]) for label in labels]
             begin = number - number % across
             lines = max(lines for lines, _ in legends[begin : begin + across])
-            blanks = lines * legends[number][1] - len(handles)  # panels of a row are of one height
+            blanks = lines * legends[number][1] - len(handles)  # makes panels of a row equally high
             handles += [Line2D([], [], label=" ", linestyle="none")] * max(0, blanks)
             block.legend(handles=handles, loc="outside lower center", ncols=legends[number][1])
         assert first is not None
@@ -183,7 +183,7 @@ class _Sheet:
         apart_pt = 0.8 * 72 * width_in / max(1, len(self.places) - 1)
 
         def close(one: str, other: str, markers: float) -> list[bool]:
-            """Whether two are less than so many markers' heights apart, place by place."""
+            """At each place, whether two curves are closer than ``markers`` heights of a marker."""
             shared = [place for place in own[one] if place in own[other]]
             means = [(own[one][place].mean, own[other][place].mean) for place in shared]
             return [math.isclose(*pair, abs_tol=markers * marker) for pair in means]
@@ -216,12 +216,12 @@ class _Sheet:
         means, lows, highs = zip(*(curve[place] for place in places), strict=True)
         axes.plot(places, means, label=label, **look)
         axes.fill_between(places, lows, highs, color=look["color"], alpha=0.1, linewidth=0)
-        if len(places) == 1:  # a band has no width there
+        if len(places) == 1:  # a band over one place would have no width
             bar = {"colors": look["color"], "transform": look["transform"]}
             axes.vlines(places, lows, highs, alpha=0.5, **bar)
 
     def draw_dots(self) -> Figure:
-        """A method a row."""
+        """Draw a row for each method."""
         columns = min(3, len(self.panels))
         names_in = 0.3 + max(map(width_of, self.curves))
         width_in = max(PAGE_IN if columns > 1 else COLUMN_IN, names_in + 1.7 * columns)
@@ -245,7 +245,7 @@ class _Sheet:
     def _begin_figure(
         self, mark: str, identities: Sequence[str], width_in: float, height_in: float
     ) -> Figure:
-        """An empty figure with its title and footnote."""
+        """Make an empty figure with its title and footnote."""
         sentences = []
         if self.has_spread:
             count = max(self.topologies)
@@ -268,7 +268,7 @@ class _Sheet:
         xlabel: str,
         ylabel: str,
     ) -> list[Axes]:
-        """Empty panels with the axes of the first, which may be in another block."""
+        """Add empty panels that share the axes of the first, which may be in another block."""
         panels: list[Axes] = []
         rows = math.ceil(len(self.panels) / columns)
         for index, title in enumerate(self.titles):
@@ -284,7 +284,7 @@ class _Sheet:
         return panels
 
     def _identical(self) -> dict[str, list[list[str]]]:
-        """By a panel's title, methods in clusters of those that do the same there."""
+        """For each panel, by title, the methods in clusters of identical curves."""
         found = {}
         for title, panel in zip(self.titles, self.panels, strict=True):
             own = {
@@ -316,7 +316,7 @@ def _shown(metric: str, mean: float, std: float) -> _Value:
 
 
 def _titles(names: Sequence[str], panels: Sequence[_Setting]) -> tuple[str, list[str]]:
-    """The setting that all panels have, and what tells each from the others."""
+    """What the settings of all panels have in common, and how each one differs."""
     differing = {names[at] for at in range(len(names)) if len({panel[at] for panel in panels}) > 1}
     settings = [dict(zip(names, panel, strict=True)) for panel in panels]
     shared, own = (
@@ -344,9 +344,9 @@ def _far_apart(places: Sequence[float], most: int) -> list[float]:
 
 
 def _families(labels: Sequence[str]) -> list[tuple[str, list[str]]]:
-    """Titles and methods of the rows of panels, each with one of the other family to compare.
+    """Titles and methods of the rows of panels; each has a method of the other family, to compare.
 
-    A policy, its twin and its sampled actions are in one row.
+    A policy, its twin and its sampled actions are in the same row.
     """
     if len(labels) <= MOST_LINES:
         return [("", list(labels))]
@@ -369,7 +369,7 @@ def _families(labels: Sequence[str]) -> list[tuple[str, list[str]]]:
 
 
 def _parts(kin: Sequence[list[str]]) -> list[list[str]]:
-    """Labels in as few parts as there is room for, kin together."""
+    """Split labels into as few parts as ``MOST_LINES`` allows, and keep kin together."""
     count = math.ceil(sum(map(len, kin)) / MOST_LINES)
     while True:
         cut = np.linspace(0, len(kin), count + 1).round().astype(int)

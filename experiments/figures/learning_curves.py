@@ -44,12 +44,12 @@ from orchid_uav.experiments.statistics.curves import (
 __all__ = ["curve_table", "draw_learning_curves", "smoothed"]
 
 Groups = Mapping[str, Sequence[Sequence[Row]]]
-"""Rows of each run, by the name of its group."""
+"""The rows of each run, by the name of its group."""
 
 FORMATS = (".png", ".svg", ".pdf")
 _PANEL_IN = 1.75
 _MARKERS = 8
-"""Along a line."""
+"""Number of markers along a line."""
 
 
 def draw_learning_curves(
@@ -62,20 +62,21 @@ def draw_learning_curves(
 ) -> None:
     """Write a figure; the same rows give the same bytes.
 
-    A group of one run is a line. Of ``MIN_RUNS`` runs or more the interquartile mean is drawn with
-    a bootstrap band, of fewer every single run, thin. What is drawn is said below the panels.
+    A group of one run is drawn as a line. For ``MIN_RUNS`` runs or more, the interquartile mean is
+    drawn with a bootstrap band; for fewer, every single run is drawn as a thin line. A footnote
+    below the panels says what is drawn.
 
     Args:
-        groups: rows of each run, by the name of its group, which is in the legend.
-        path: ends in one of ``FORMATS``.
-        columns: of the rows, a panel each.
+        groups: the rows of each run, by the name of its group, which the legend shows.
+        path: the file to write, whose name ends in one of ``FORMATS``.
+        columns: columns of the rows; each gets a panel.
         window: episodes of the trailing mean.
         marks: whether ticks at the bottom show the episodes after which the optimizer was reset.
-        title: what the runs were trained in.
+        title: the title, which should name the setting of the training.
 
     Raises:
         OSError: the file cannot be written.
-        ValueError: no columns, no rows, or a window of no episode.
+        ValueError: there are no columns or no rows, or the window is less than one episode.
     """
     shown = {name: [rows for rows in runs if rows] for name, runs in groups.items()}
     shown = {name: runs for name, runs in shown.items() if runs}
@@ -87,7 +88,7 @@ def draw_learning_curves(
 
 
 class _Sheet:
-    """What the figure shows."""
+    """The content of the figure."""
 
     def __init__(
         self, groups: Groups, columns: Sequence[str], window: int, marks: bool, title: str
@@ -117,7 +118,7 @@ class _Sheet:
         return [single_curve(rows, column, self.window) for rows in runs]
 
     def draw(self) -> Figure:
-        """Panels in rows, the title above, the legend and a footnote below."""
+        """Draw the panels in rows, with the title above and the legend and a footnote below."""
         identical = {
             METRICS[column].title if column in METRICS else heading_of(column): clusters(
                 self.groups, partial(self._are_identical, column)
@@ -165,7 +166,7 @@ class _Sheet:
             turn, count = same.index(name), len(same)
             width = 0.6 if len(curves) > 1 else STYLE["lines.linewidth"]
             drawn: dict[str, Any] = {"linewidth": width + thicker_pt(turn, count)}
-            if count > self.every:  # no place is left for the markers of each
+            if count > self.every:  # there is no room to stagger the markers of all
                 drawn["transform"] = shifted(axes, turn, count)
             for nth, curve in enumerate(curves):
                 if curve.band is not None:
@@ -174,7 +175,7 @@ class _Sheet:
                     )
                 marked = self._marked(curve, number, only_lone=nth > 0)
                 axes.plot(curve.episodes, curve.values, markevery=marked, **look, **drawn)
-                # Lines that are moved aside do not tell the axes where their data are.
+                # Lines that are shifted do not update the limits of the axes by themselves.
                 axes.update_datalim(np.column_stack([curve.episodes, curve.values]))
             axes.autoscale_view()
             episodes = self.resets.get(name, [])
@@ -202,9 +203,10 @@ class _Sheet:
         )
 
     def _marked(self, curve: Curve, number: int, only_lone: bool) -> list[int]:
-        """A few places, a part of their distance further on for each group, and lone points.
+        """Indices of the points with markers: evenly spaced ones, and points without neighbours.
 
-        A point without neighbours has no line: it shows by its marker alone.
+        The spaced ones are staggered from group to group, so that they do not hide each other. A
+        point without neighbours has no line and shows only by its marker.
         """
         known = np.isfinite(curve.values)
         beside = np.pad(known, 1)
@@ -248,6 +250,6 @@ class _Sheet:
 
 
 def _without_date(path: Path) -> dict[str, None]:
-    """Metadata that would differ from call to call, in the formats that have it."""
+    """Metadata that leaves out the date, which would differ from call to call."""
     keys = {".svg": "Date", ".pdf": "CreationDate"}
     return {keys[path.suffix]: None} if path.suffix in keys else {}

@@ -1,4 +1,4 @@
-"""How all figures look: sizes for a paper, type, axes, and the look of every method."""
+"""The style of all figures: sizes for a paper, type, axes, and the look of every method."""
 
 import hashlib
 import itertools
@@ -19,11 +19,11 @@ from matplotlib.transforms import ScaledTranslation, Transform
 from orchid_uav.experiments.metrics import HEADROOM, METRICS, UNBREAKABLE
 
 COLUMN_IN, PAGE_IN = 3.5, 7.16
-"""Widths of a column and of a page of an IEEE paper."""
+"""Widths of a column and of a page of an IEEE paper, in inches."""
 SHIFT_PT = 4.0
-"""Sideways, from one marker to the next of curves that lie on each other."""
+"""Sideways distance between the markers of curves that lie on each other, in points."""
 
-# Okabe and Ito's colours without yellow, too faint for lines; and grey.
+# Okabe and Ito's colours and grey, without yellow, which is too faint for lines.
 _BLUE, _SKY, _VERMILLION, _ORANGE = "#0072B2", "#56B4E9", "#D55E00", "#E69F00"
 _GREEN, _PURPLE, _BLACK, _GREY = "#009E73", "#CC79A7", "#000000", "#7F7F7F"
 _SOLID, _DASHED, _LONG = (0, ()), (0, (4, 1.5)), (0, (8, 2))
@@ -55,15 +55,15 @@ _RULES: dict[str, _Look] = {
     "planner-retargeted": (_VERMILLION, "*", _DOT),
 }
 _VARIANTS: dict[str, _Look] = {"base": _LEARNED["orchid"], "no-rf": _LEARNED["orchid-no-rf"]}
-"""What an ablation calls these two."""
+"""The names of these two in an ablation."""
 _KNOWN = _LEARNED | _RULES | _VARIANTS
 _HOLLOW = ("-zero", "-full-power", "-retargeted")
-# Neither colour of an ablation's base and its variant without resets.
+# Without the colours of an ablation's base and of its variant without resets.
 _RUN_COLOURS = (_PURPLE, _GREEN, _VERMILLION, _ORANGE, _GREY, _BLACK)
 _RUN_MARKERS = ((4, 1, 0), (6, 1, 0), "8", (3, 1, 0), "H")
 _RUN_LINES = (_SOLID, _LONG, _DASHED, _DOT, _TWO_DOTS, _TWO_DASHES)
 
-# Of what is measured: shares of a whole, and what may be below zero.
+# Metrics that are shares of a whole, and metrics that may be below zero.
 _SHARES = {"coverage", "total_coverage", "rate_jfi", "load_jfi", "gbs_coverage"}
 _SIGNED = {"utility", HEADROOM, "reward"}
 
@@ -97,21 +97,21 @@ STYLE: dict[str, Any] = {
 
 
 def base_of(label: str) -> str:
-    """The method of a label, without what makes a twin or sampled actions of it."""
+    """The method of a label, without the marks of a twin and of sampled actions."""
     return label.removesuffix(", sampled").removesuffix("-zero")
 
 
 def is_rule(label: str) -> bool:
-    """Whether nothing was learned for a method."""
+    """Whether a method is a rule, for which nothing was learned."""
     return base_of(label) in _RULES
 
 
 def line_styles(labels: Iterable[str]) -> dict[str, dict[str, Any]]:
-    """How methods are drawn.
+    """The line style of each method.
 
-    What is built in always looks the same, whatever else is drawn. A run has a look of its own as
-    well, from a digest of its name; only where two runs of one figure would share a colour, a
-    marker or a line does the later one, by name, take another.
+    A built-in method always looks the same, whatever else is drawn. The look of a run comes from a
+    digest of its name, so that it usually stays the same as well. If two runs of a figure would
+    share a colour, a marker or a line, the later one by name takes another.
     """
     labels = list(labels)
     known = _KNOWN | _looks_of_runs({base_of(label) for label in labels} - set(_KNOWN))
@@ -145,8 +145,8 @@ def _traits(look: tuple[int, ...]) -> list[tuple[Any, ...]]:
 
 def _drawn_as(label: str, colour: str, marker: Any, line: Any) -> dict[str, Any]:
     look = {"color": colour, "marker": marker, "linestyle": line}
-    look["zorder"] = 2.0 if line == _SOLID else 2.1  # through the gaps of which one below is seen
-    if marker == "*" or isinstance(marker, tuple):  # stars have little area
+    look["zorder"] = 2.0 if line == _SOLID else 2.1  # its gaps show the solid lines below
+    if marker == "*" or isinstance(marker, tuple):  # stars have a small area
         look["markersize"] = 6.5
     if label.endswith(_HOLLOW):
         look["markerfacecolor"] = "white"
@@ -158,7 +158,7 @@ def _drawn_as(label: str, colour: str, marker: Any, line: Any) -> dict[str, Any]
 
 
 def clusters(labels: Iterable[str], alike: Callable[[str, str], bool]) -> list[list[str]]:
-    """Labels together with the first one that they are like."""
+    """Group labels: each joins the first group whose first label it is like."""
     found: list[list[str]] = []
     for label in labels:
         for cluster in found:
@@ -173,13 +173,14 @@ def clusters(labels: Iterable[str], alike: Callable[[str, str], bool]) -> list[l
 def identity_marks(
     identical: Mapping[str, Sequence[Sequence[str]]],
 ) -> tuple[dict[str, str], list[str]]:
-    """What legend and footnote say of curves that lie on each other.
+    """What legend and footnote say about identical curves.
 
     Args:
-        identical: by panel, labels in clusters of those whose curves there are the same.
+        identical: for each panel, the labels, in clusters of identical curves.
 
     Returns:
-        By label, the marks of those that are the same as others in all panels; and sentences.
+        The legend's marks, by label, of curves that are identical to others in all panels; and the
+        sentences of the footnote.
     """
     panels: dict[tuple[str, ...], list[str]] = {}
     for panel, found in identical.items():
@@ -200,7 +201,10 @@ def identity_marks(
 
 
 def _which(panels: Sequence[str], of: Iterable[str]) -> str:
-    """Some panels of all, named by those that are fewer; their titles may contain commas."""
+    """Name some of all panels by listing them or, if that is shorter, all the others.
+
+    Semicolons separate the titles, which may contain commas.
+    """
     others = [panel for panel in of if panel not in panels]
     if len(others) < len(panels):
         return f"all panels but {'; '.join(others)}"
@@ -215,28 +219,28 @@ def shifted(axes: Axes, turn: int, count: int, step_pt: float = SHIFT_PT) -> Tra
 
 
 def thicker_pt(turn: int, count: int) -> float:
-    """What such a curve has more in width, so that it is seen below the next ones."""
+    """Extra width, in points, that keeps such a curve visible below those drawn after it."""
     return min(1.4, 4.2 / max(1, count - 1)) * (count - 1 - turn)
 
 
 def bounds_of(metric: str) -> tuple[float, float]:
-    """Between which a stored value lies."""
+    """The least and the greatest stored value that a metric can have."""
     return -math.inf if metric in _SIGNED else 0.0, 1.0 if metric in _SHARES else math.inf
 
 
 def limits_of(
     name: str, low: float, high: float, limits: tuple[float, float]
 ) -> tuple[float, float]:
-    """Limits of an axis of values, which are not to be looked at through a microscope.
+    """Limits of an axis of values, which do not magnify differences that do not matter.
 
-    Differences that no table shows do not fill it, and values that cannot be get no more room than
-    a marker takes.
+    Differences too small to show in a table do not fill the axis, and impossible values get no more
+    room than a marker takes.
 
     Args:
-        name: of ``METRICS``, or another column of a run's episodes.
+        name: a name in ``METRICS``, or another column of a run's episodes.
         low: the least value shown, scaled.
-        high: the greatest.
-        limits: that matplotlib would take.
+        high: the greatest value shown, scaled.
+        limits: the limits that matplotlib would choose.
     """
     if not (math.isfinite(low) and math.isfinite(high)):
         return limits
@@ -257,7 +261,7 @@ def limits_of(
 
 
 def set_ticks(axis: Axis) -> None:
-    """Few ticks, with their whole numbers: no offset and no factor above the axis."""
+    """Set a few ticks with complete numbers, without an offset or a factor above the axis."""
     axis.set_major_locator(MaxNLocator(6, steps=[1, 2, 2.5, 5, 10]))
     greatest = max(map(abs, axis.get_view_interval()))
     if 1e-3 <= greatest < 1e7:
@@ -271,10 +275,11 @@ def set_ticks(axis: Axis) -> None:
 
 
 def setting_text(values: Mapping[str, Any]) -> str:
-    """A setting, or what is known of it, in a title; its parts are not to be broken.
+    """A setting, as far as it is known, as text for a title; no line break divides its parts.
 
     Args:
-        values: of "uavs", "users", "distribution", "speed_mps", "heading_hold_s" those known.
+        values: those of "uavs", "users", "distribution", "speed_mps" and "heading_hold_s" that are
+            known.
     """
     parts = []
     if "uavs" in values:
@@ -296,7 +301,7 @@ def setting_text(values: Mapping[str, Any]) -> str:
 
 
 def setting_of(configurations: Iterable[Mapping[str, Any]]) -> str:
-    """What the settings of configurations, by "section.key", have in common, for a title."""
+    """The setting that configurations, by "section.key", have in common, for a title."""
     keys = {
         "uavs": "network.uav_count",
         "users": "network.user_count",
@@ -314,23 +319,23 @@ def setting_of(configurations: Iterable[Mapping[str, Any]]) -> str:
 
 
 def width_of(text: str) -> float:
-    """In the size of a legend, in inches."""
+    """Width of a text in a legend's size of type, in inches."""
     return TextPath((0, 0), text, size=7).get_extents().width / 72
 
 
 def wrap(text: str, width_in: float, points: float = 8) -> str:
-    """Text in lines of a width, in type of so many points."""
+    """Break a text into lines of a width in inches, in type of ``points`` points."""
     width = max(1, int(120 * width_in / points))
     wrapped = textwrap.fill(text, width, break_long_words=False, break_on_hyphens=False)
     return wrapped.replace(UNBREAKABLE, " ")
 
 
 def legend_shape(labels: Sequence[str], width_in: float) -> tuple[int, int]:
-    """Lines and columns: as few lines as there is room for."""
+    """The lines and columns of a legend, with as few lines as fit the width."""
     widths_in = [0.55 + width_of(label) for label in labels]
     for lines in range(1, len(labels)):
         columns = math.ceil(len(labels) / lines)
-        # The way matplotlib fills columns.
+        # This is how matplotlib fills columns.
         if sum(map(max, np.array_split(widths_in, columns))) <= width_in:
             return lines, columns
     return len(labels), 1

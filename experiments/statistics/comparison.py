@@ -1,8 +1,8 @@
-"""Comparing training runs over seeds: effects first, then what chance could have done.
+"""Compares training runs over seeds: the effects first, then what chance could explain.
 
 The unit of analysis is the training seed. Variants share their seeds with the base, so that effects
-are paired differences, variant − base. A run that failed has no value, NaN or None: failures are
-counted and told beside the effect, which is of the pairs that are complete. They are never imputed.
+are paired differences, variant − base. A run that failed has no value but NaN or None. Failures are
+counted and reported beside the effect, which is that of the complete pairs. They are never imputed.
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,31 +19,31 @@ from orchid_uav.experiments.statistics.intervals import Floats, interval
 from orchid_uav.storage.documents import Document
 
 Values = Sequence[float | None] | Floats
-"""One value per seed, the seeds in the same order everywhere; NaN or None where the run failed."""
+"""One value per seed, with seeds in the same order everywhere; NaN or None for a failed run."""
 Better = Literal["higher", "lower"] | None
-"""Which way a metric is better; None where more is neither better nor worse."""
+"""Which values of a metric are better; None if neither higher nor lower ones are."""
 Verdict = Literal[
     "better", "worse", "higher", "lower", "equivalent", "no difference shown", "undecided"
 ]
 
 NOT_COMPARED: Final = "not compared"
-"""Instead of a verdict, where two metrics measure different things."""
+"""Replaces the verdict if the metric measures different things in base and variant."""
 
 ALPHA = 0.05
 MIN_SEEDS = 5
-"""Fewer give no interval, no equivalence and no least detectable effect."""
+"""With fewer seeds there is no interval, no equivalence and no least detectable effect."""
 FLIPS = 2**14
 """Sign patterns of the permutation test: all of them up to 14 pairs, else as many at random."""
 TEST = f"two-sided sign-flip permutation of the mean paired difference, at most {FLIPS} patterns"
 
 
 class SeedSummary(Document):
-    """What the seeds of one method reached; None for what so few seeds cannot give."""
+    """The values of one method over its seeds; None for what needs more seeds."""
 
     n: int
-    """Seeds with a value."""
+    """Number of seeds with a value."""
     failed: int
-    """Seeds without one, which no other entry contains."""
+    """Number of seeds without a value; all other entries leave these out."""
     mean: float | None
     median: float | None
     iqm: float | None
@@ -51,20 +51,20 @@ class SeedSummary(Document):
     std: float | None
     """With ddof = 1."""
     ci95: list[float] | None
-    """The BCa interval over seeds of the statistic named in ``ci95_of``. None as well where no
-    single seed moves the statistic (nine of ten at 0)."""
+    """The BCa interval over seeds of the statistic named in ``ci95_of``. It is also None if no
+    single seed changes the statistic, as when nine of ten are 0."""
     ci95_of: str
 
 
 class Difference(Document):
-    """Variant − base over complete pairs."""
+    """The difference variant − base over complete pairs."""
 
     mean: float | None
     median: float | None
     iqm: float | None
     ci95: list[float] | None
-    """The BCa interval of what ``ci95_of`` names. Of the mean it is somewhat narrow: of normal
-    data, it covers the truth in some 83 % of samples of 5 seeds and 90 % of 10."""
+    """The BCa interval of what ``ci95_of`` names. For the mean it is somewhat narrow: with normal
+    data, it covers the truth in about 83 % of samples of 5 seeds and 90 % of samples of 10."""
     ci95_of: str | None
 
 
@@ -73,7 +73,7 @@ class Equivalence(Document):
 
     margin: float
     p_value: float
-    """The greater of the two, not adjusted for other comparisons."""
+    """The greater p-value of the two tests, not adjusted for other comparisons."""
     equivalent: bool
     """Whether ``p_value`` is at most 0.05."""
 
@@ -81,56 +81,56 @@ class Equivalence(Document):
 class Comparison(Document):
     """One metric of a variant against that of its base, paired by seed.
 
-    None for what so few pairs cannot give. The last three are known in a family alone.
+    What needs more pairs is None. The last three entries are known only within a family.
     """
 
     n: int
-    """Complete pairs."""
+    """Number of complete pairs."""
     seeds: int
     failed_base: int
     failed_variant: int
     better: Better
     difference: Difference
     relative: float | None
-    """Mean difference / |mean of base| of the same pairs; None where that is 0."""
+    """Mean difference / |mean of the base| over the same pairs; None if that mean is 0."""
     probability_of_improvement: float | None
     """See :func:`probability_of_improvement`."""
     probability_of_improvement_ci95: list[float] | None
     p_value: float | None
     """See :func:`sign_flip_p_value`."""
     smallest_p: float | None
-    """The least that so many pairs give."""
+    """The smallest p-value that this number of pairs can give."""
     equivalence: Equivalence | None
     """See :func:`equivalence`."""
     least_detectable_effect: float | None
     """See :func:`least_detectable_effect`."""
     p_holm: float | None = None
     smallest_p_holm: float | None = None
-    """The least that the first p of the family could be, so that nothing can be shown where it is
-    above 0.05 (10 seeds can show nothing among more than 25)."""
+    """The smallest that the first adjusted p-value of the family could be. If it is above 0.05,
+    nothing can be shown: 10 seeds can show nothing in a family of more than 25 tests."""
     verdict: Verdict | Literal["not compared"] | None = None
     """See :func:`judge`."""
 
 
 def interquartile_mean(values: Floats, axis: int = -1) -> Any:
-    """Mean of the middle half (Agarwal et al. 2021): neither one lucky nor one lost seed moves it.
+    """Mean of the middle half (Agarwal et al. 2021), which one outlying seed cannot move far.
 
-    Of n values the ⌊n/4⌋ lowest and the ⌊n/4⌋ highest are left out whole and the rest is averaged,
-    as by ``scipy.stats.trim_mean(values, 0.25)``. Where n is no multiple of 4, that is more than
-    half: 3 of 5, 4 of 6, 5 of 7, 6 of 10. Below 4 values it is the mean.
+    Of n values the ⌊n/4⌋ lowest and the ⌊n/4⌋ highest are left out and the rest is averaged, as
+    by ``scipy.stats.trim_mean(values, 0.25)``. If n is no multiple of 4, more than half remains: 3
+    of 5, 4 of 6, 5 of 7, 6 of 10. Of fewer than 4 values it is the mean.
 
     Args:
-        values: at least one along ``axis``; one NaN makes the mean NaN.
-        axis: to average over.
+        values: at least one value along ``axis``; one NaN makes the mean NaN.
+        axis: the axis to average over.
     """
     return trim_mean(values, 0.25, axis=axis)
 
 
 def describe_seeds(values: Values) -> SeedSummary:
-    """What the seeds of one method reached.
+    """Summarise the values of one method over its seeds.
 
     Raises:
-        InputError: what is given is neither finite numbers nor failures.
+        InputError: a value is neither a finite number nor NaN or None for a failed run.
     """
     given = _checked(values)
     reached = given[~np.isnan(given)]
@@ -150,18 +150,18 @@ def describe_seeds(values: Values) -> SeedSummary:
 def compare_pairs(
     base: Values, variant: Values, better: Better, margin: float | None = None
 ) -> Comparison:
-    """One metric of a variant against that of its base, paired by seed.
+    """Compare one metric of a variant with that of its base, paired by seed.
 
     Args:
         base: one value per seed.
-        variant: of the same seeds in the same order.
-        better: which way the metric is better.
-        margin: greatest mean difference that does not matter, in the metric's unit and written down
-            before the runs; None for no test of equivalence.
+        variant: one value for each of the same seeds, in the same order.
+        better: which values of the metric are better.
+        margin: the greatest mean difference that does not matter, in the metric's unit. It has to
+            be chosen before the runs. None for no test of equivalence.
 
     Raises:
-        InputError: seeds that do not pair, values that are no numbers, a way that is none, or a
-            margin not above 0.
+        InputError: the seeds do not pair, values are not numbers, ``better`` is unknown, or the
+            margin is not above 0.
     """
     if better not in ("higher", "lower", None):
         raise InputError(f"'{better}' is no way to be better: give 'higher', 'lower' or None")
@@ -198,17 +198,17 @@ def compare_pairs(
 def probability_of_improvement(
     base: Floats, variant: Floats, better: Better
 ) -> tuple[float | None, list[float] | None]:
-    """How often a run of the variant is better than one of the base, of any seeds: Mann-Whitney.
+    """How often a run of the variant is better than one of the base, whatever the seeds.
 
-    The share of all pairs of a base's and a variant's seed in which the variant is better, ties
-    counted half; where neither way is better, in which it is higher. A failed run is worse than any
-    that did not fail, and ties with another failed one; where neither way is better, there is no
-    worse, and seeds that failed on either side are left out.
+    This is the Mann-Whitney statistic: of all pairs of a base's and a variant's seed, the share in
+    which the variant is better, with ties counted half. A failed run is worse than any other and
+    ties with another failed one. If ``better`` is None, it is the share in which the variant is
+    higher, and seeds that failed on either side are left out.
 
     Returns:
-        The share, and its BCa interval with both runs of a seed drawn together: None below 5 seeds,
-        and where no resample gives another share, for then they do not tell how sure it is (runs
-        that do not overlap at all give 0 or 1 in each).
+        The share, and its BCa interval, for which both runs of a seed are drawn together. The
+        interval is None below 5 seeds. It is also None if all resamples give the same share, since
+        they then do not show how certain it is (runs that do not overlap always give 0 or 1).
     """
     if better is None:
         complete = ~(np.isnan(base) | np.isnan(variant))
@@ -225,18 +225,19 @@ def probability_of_improvement(
 
 
 def _share_above(base: Floats, variant: Floats, axis: int = -1) -> Any:
-    """Mann-Whitney's U / n², from the ranks of the variant's values among all; last axis only."""
+    """Mann-Whitney's U / n² from the ranks of the variant's values among all; last axis only."""
     count = base.shape[axis]
     ranks = rankdata(np.concatenate([base, variant], axis=axis), axis=axis)[..., count:]
     return (ranks.mean(axis=axis) - (count + 1) / 2) / count
 
 
 def sign_flip_p_value(differences: Floats) -> float | None:
-    """How often random signs give paired differences a mean as far from 0 as theirs, two-sided.
+    """How often paired differences with random signs have a mean as far from 0, two-sided.
 
-    Exact up to 14 pairs: n pairs can give no less than 2/2ⁿ, so 5 can never show a difference at
-    0.05, 6 give 0.031 and 10 give 0.002. Beyond, from ``FLIPS`` patterns of a fixed generator and
-    the observed one: no less than 2/(FLIPS + 1). None without pairs.
+    The p-value is exact up to 14 pairs. There n pairs can give no less than 2/2ⁿ: 5 pairs can never
+    show a difference at 0.05, 6 can give 0.031 and 10 can give 0.002. With more pairs it comes from
+    ``FLIPS`` patterns of a fixed generator and the observed one, and is no less than
+    2/(FLIPS + 1). It is None without pairs.
     """
     if len(differences) < 2:
         return 1.0 if len(differences) else None
@@ -261,8 +262,8 @@ def equivalence(differences: Floats, margin: float | None) -> Equivalence | None
     """Two one-sided paired t-tests: is the mean difference shown to lie within ±margin?
 
     Returns:
-        None without a margin and below 5 pairs. Differences that are all the same are taken as
-        exact: p is 0 where they lie within the margin, else 1.
+        The result; None without a margin or below 5 pairs. Differences that are all equal are taken
+        as exact: p is 0 if they lie within the margin, else 1.
 
     Raises:
         InputError: the margin is not above 0.
@@ -283,15 +284,16 @@ def equivalence(differences: Floats, margin: float | None) -> Equivalence | None
 def least_detectable_effect(
     differences: Floats, power: float = 0.8, alpha: float = ALPHA
 ) -> float | None:
-    """Mean difference that a two-sided paired t-test with such a spread would show with this power.
+    """Mean difference that a two-sided paired t-test would show with this power at this spread.
 
-    From the noncentral t distribution; the far tail, where the test errs in sign, is left out
-    (below 1e-6 for a power of 0.8). Of a single test: a family needs more. None below 5 pairs.
+    It comes from the noncentral t distribution. The far tail, where the test errs in the sign, is
+    left out (below 1e-6 for a power of 0.8). It holds for a single test; within a family the effect
+    must be greater. It is None below 5 pairs.
 
     Args:
-        differences: of pairs; only their number and standard deviation matter.
-        power: how often the effect would be shown.
-        alpha: how often no effect at all would be.
+        differences: differences of pairs; only their number and standard deviation matter.
+        power: how often the test would show this effect.
+        alpha: how often the test would show an effect where there is none.
 
     Raises:
         InputError: not 0 < alpha < power < 1.
@@ -307,7 +309,7 @@ def least_detectable_effect(
 
 
 def holm(p_values: Sequence[float | None]) -> list[float | None]:
-    """Holm's adjusted p-values of one family, in the order given; None stays None, uncounted.
+    """Holm's adjusted p-values of one family, in the order given; None stays and does not count.
 
     Raises:
         InputError: a value outside [0, 1].
@@ -329,20 +331,21 @@ def compare_families(
     better: Mapping[str, Better],
     margins: Mapping[str, float] | None = None,
 ) -> dict[str, dict[str, Comparison]]:
-    """Every variant against the base in every metric: all of one call are one family.
+    """Compare every variant with the base in every metric; all tests of a call are one family.
 
     Args:
-        base: values per seed of each metric.
-        variants: the same of each variant, under its name.
-        better: the metrics that are judged together, and which way each is better.
-        margins: of equivalence, for metrics that have one.
+        base: values per seed, by metric.
+        variants: the same for each variant, by the variant's name.
+        better: the metrics that are judged together, and which values of each are better.
+        margins: margins of equivalence, for the metrics that have one.
 
     Returns:
-        By variant and metric, what ``compare_pairs`` gives, with the place in the family.
+        The results of ``compare_pairs`` by variant and metric, with the entries that depend on the
+        family.
 
     Raises:
-        InputError: a metric is missing, a margin is of none that is judged, or as
-            ``compare_pairs``.
+        InputError: a metric is missing, a margin belongs to a metric that is not judged, or
+            ``compare_pairs`` raises it.
     """
     margins = margins or {}
     for metric in margins:
@@ -368,16 +371,17 @@ def compare_families(
 
 
 def judge(comparison: Comparison) -> Verdict:
-    """What a comparison says, in a word, at a level of 0.05.
+    """Sum a comparison up in a verdict, at a level of 0.05.
 
-    * "equivalent": shown to lie within the margin, even where also shown not to be 0.
-    * "better" and "worse" ("higher" and "lower" where neither way is better): ``p_holm`` (outside
-      of a family, ``p_value``) is at most 0.05. The way is that of the mean paired difference.
-    * "no difference shown": neither, and the test could have shown one. That is not equality: see
-      the interval and ``least_detectable_effect``.
-    * "undecided": there are too few pairs for any p at most 0.05, or one side failed more often and
-      the effect does not point the same way, since seeds that survived are no fair sample. With
-      more failures, a variant can be worse, but neither better nor equivalent.
+    * "equivalent": the difference is shown to lie within the margin, even if it is also shown not
+      to be 0.
+    * "better" or "worse" ("higher" or "lower" if ``better`` is None): ``p_holm`` (outside of a
+      family, ``p_value``) is at most 0.05. The sign of the mean paired difference decides which.
+    * "no difference shown": none of these, although the test could have shown a difference. That
+      is not equality: see the interval and ``least_detectable_effect``.
+    * "undecided": there are too few pairs for any p-value of at most 0.05, or one side failed more
+      often and the effect is not in favour of the other side, since the seeds that survived are no
+      fair sample. A variant with more failures can be worse, but neither better nor equivalent.
     """
     word = _word(comparison)
     balance = comparison.failed_variant - comparison.failed_base
@@ -387,7 +391,7 @@ def judge(comparison: Comparison) -> Verdict:
 
 
 def _word(comparison: Comparison) -> Verdict:
-    """The verdict of complete pairs, whatever failed."""
+    """The verdict on the complete pairs, without regard to failures."""
     known = comparison.model_fields_set
     p_value = comparison.p_holm if "p_holm" in known else comparison.p_value
     smallest = comparison.smallest_p_holm if "smallest_p_holm" in known else comparison.smallest_p
@@ -421,7 +425,7 @@ def _of(values: Mapping[str, Values], metric: str, whose: str) -> Values:
 
 
 def _checked(values: Values) -> Floats:
-    """Finite numbers and, for failed runs, NaN: (seeds,)."""
+    """Check values and return finite numbers, with NaN for failed runs: (seeds,)."""
     try:
         checked = np.array(values, dtype=np.float64)
     except (TypeError, ValueError):

@@ -1,4 +1,4 @@
-"""Learning curves as numbers: smoothed, and of several runs their middle and how sure it is."""
+"""Learning curves as numbers: smoothed, and over several runs with an interval."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
@@ -17,7 +17,7 @@ Row = Mapping[str, float]
 Floats = NDArray[np.float64]
 
 WINDOW = 20
-"""Episodes of a trailing mean, unless another number is asked for."""
+"""Default number of episodes of a trailing mean."""
 DEFAULT_COLUMNS = (
     "reward",
     "energy_efficiency_bit_per_joule",
@@ -26,9 +26,9 @@ DEFAULT_COLUMNS = (
     "worst_rate_bps",
     "coverage",
 )
-"""What is drawn where nothing else is asked for."""
+"""Columns that are drawn by default."""
 MIN_RUNS = 5
-"""Fewer have no interval worth its name."""
+"""With fewer runs there is no interval."""
 RESAMPLES = 2000
 CONFIDENCE = 0.95
 _EPISODES_AT_ONCE = 64
@@ -39,26 +39,26 @@ class Curve(NamedTuple):
     """One metric of one run or of several, by episode; all arrays (E,)."""
 
     runs: int
-    """At its beginning."""
+    """Number of runs at the beginning of the curve."""
     episodes: Floats
     values: Floats
     """Values of the run, or the interquartile mean over runs."""
     band: tuple[Floats, Floats] | None
-    """Interval of the interquartile mean; None below ``MIN_RUNS`` runs."""
+    """Ends of the interval of the interquartile mean; None below ``MIN_RUNS`` runs."""
 
 
 def scale_of(column: str) -> float:
-    """Factor from a column's values to those shown."""
+    """Factor from a column's stored values to the shown ones."""
     return METRICS[column].scale if column in METRICS else 1.0
 
 
 def smoothed(values: ArrayLike, window: int) -> Floats:
-    """Trailing means: of the last ``window`` values, or of all there are so far, (E,).
+    """Trailing means over the last ``window`` values, or over all values so far, (E,).
 
-    A value that is not a number leaves those behind its window alone.
+    A value that is not a number affects only the means whose window contains it.
 
     Raises:
-        ValueError: a window of less than one value.
+        ValueError: the window is less than one value.
     """
     if window < 1:
         raise ValueError(f"a window of {window} values has no mean")
@@ -72,20 +72,21 @@ def smoothed(values: ArrayLike, window: int) -> Floats:
 
 
 def single_curve(rows: Sequence[Row], column: str, window: int = WINDOW) -> Curve:
-    """A run's metric, smoothed and scaled as it is shown."""
+    """The curve of a run's metric, smoothed and scaled as it is shown."""
     values = smoothed([row[column] for row in rows], window) * scale_of(column)
     return Curve(1, np.array([row["episode"] for row in rows], np.float64), values, None)
 
 
 def group_curve(runs: Sequence[Sequence[Row]], column: str, window: int = WINDOW) -> Curve:
-    """The interquartile mean over runs at each episode, each run smoothed before.
+    """The interquartile mean over runs at each episode, after smoothing each run.
 
     A run that ended early counts until its last episode. With ``MIN_RUNS`` runs or more there is a
-    band, and the curve ends where fewer go on; below, it is the mean and ends with the longest.
+    band, and the curve ends where fewer runs go on. With fewer runs there is no band, and the curve
+    ends with the longest run.
 
     Args:
-        runs: rows of each, from the first episode on.
-        column: of the rows.
+        runs: the rows of each run, from the first episode on.
+        column: the column of the rows.
         window: episodes of the trailing mean.
     """
     from orchid_uav.experiments.statistics.comparison import interquartile_mean
@@ -112,7 +113,7 @@ def _length(curve: Curve) -> int:
 
 
 def _stretches(curves: Sequence[Curve], least: int) -> Iterator[tuple[int, int, Sequence[Curve]]]:
-    """Begin and end of the parts in which the same curves, at least so many, go on."""
+    """Begin and end of the parts in which the same curves, at least ``least``, go on."""
     ends = sorted({0, *map(_length, curves)})
     for begin, end in pairwise(ends):
         going_on = [curve for curve in curves if _length(curve) >= end]
@@ -121,7 +122,7 @@ def _stretches(curves: Sequence[Curve], least: int) -> Iterator[tuple[int, int, 
 
 
 def _bootstrap_interval(table: Floats) -> tuple[Floats, Floats]:
-    """Percentile-bootstrap interval of the interquartile mean of (runs, E) over whole runs."""
+    """Interval of the interquartile mean of (runs, E): percentile bootstrap over whole runs."""
     from orchid_uav.experiments.statistics.comparison import interquartile_mean
 
     count = len(table)
@@ -138,14 +139,14 @@ def _bootstrap_interval(table: Floats) -> tuple[Floats, Floats]:
 class CurveTable(Document):
     """A learning curve for a JSON document: lists of the same length.
 
-    Numbers have six digits; None is what is not a number.
+    Numbers have six digits; None stands for values that are not finite numbers.
     """
 
     runs: int
     episodes: list[int]
     iqm: list[float | None]
     low: list[float | None] | None
-    """None, as ``high``, below ``MIN_RUNS`` runs."""
+    """None below ``MIN_RUNS`` runs, as is ``high``."""
     high: list[float | None] | None
 
 
@@ -158,13 +159,13 @@ def curve_table(
     """The numbers of learning curves for a JSON document, unscaled, by group and column.
 
     Args:
-        groups: rows of each run, by the group's name.
-        columns: of the rows.
+        groups: the rows of each run, by the group's name.
+        columns: the columns of the rows.
         window: episodes of the trailing mean.
-        every: keep every so many episodes, and the last.
+        every: every so many episodes a point is kept, and the last point.
 
     Returns:
-        By group and column, the curve of all runs of the group.
+        The curve over all runs of a group, by group and column.
     """
     return {
         name: {

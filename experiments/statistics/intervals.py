@@ -16,13 +16,13 @@ Floats = NDArray[np.float64]
 
 RESAMPLES = 2000
 _ROUNDING = 1e-12
-"""Values that differ by less than this share of the greatest are the same."""
+"""Values that differ by at most this share of the greatest count as equal."""
 CONFIDENCE = 0.95
 INTERVAL = f"BCa bootstrap, {RESAMPLES} resamples, {CONFIDENCE:.0%}"
 
 
 class MetricSummary(Document):
-    """A metric over many episodes; None for what is not known."""
+    """Summary of a metric over many episodes; None for what is not known."""
 
     model_config = ConfigDict(frozen=True)
 
@@ -30,7 +30,7 @@ class MetricSummary(Document):
     std: float | None
     """With ddof = 1."""
     ci95: list[float] | None
-    """Ends of the interval of the mean."""
+    """Ends of the 95 % interval of the mean."""
 
 
 UNKNOWN = MetricSummary(mean=None, std=None, ci95=None)
@@ -39,7 +39,7 @@ UNKNOWN = MetricSummary(mean=None, std=None, ci95=None)
 def summarise(values: Floats, with_interval: bool = True) -> MetricSummary:
     """Mean, standard deviation (ddof = 1) and interval of the mean.
 
-    None for what so few values cannot give, or is not wanted, or where a value is not a number.
+    Each is None if it needs more values, is not wanted, or if a value is not a finite number.
     """
     if not len(values) or not np.isfinite(values).all():
         return UNKNOWN
@@ -55,11 +55,12 @@ def summarise(values: Floats, with_interval: bool = True) -> MetricSummary:
 
 
 def interval(samples: tuple[Floats, ...], statistic: Callable[..., Any]) -> list[float] | None:
-    """BCa interval [low, high] of a statistic of paired samples; None where there is none.
+    """BCa interval [low, high] of a statistic of paired samples; None if it does not exist.
 
     Args:
-        samples: of the same length, drawn together; constant ones give an interval of no width.
-        statistic: of the samples, along ``axis``.
+        samples: samples of equal length, resampled together; if all of them are constant, the
+            interval has no width.
+        statistic: takes the samples and ``axis``, along which it is computed.
     """
     if len(samples[0]) < 2:
         return None
@@ -67,7 +68,7 @@ def interval(samples: tuple[Floats, ...], statistic: Callable[..., Any]) -> list
     if all(map(_is_constant, samples)):
         return [observed, observed]
     with warnings.catch_warnings():
-        # Values that differ by rounding alone have no acceleration constant.
+        # Values that differ only by rounding have no acceleration constant.
         warnings.simplefilter("ignore", RuntimeWarning)
         warnings.simplefilter("ignore", DegenerateDataWarning)
         result = bootstrap(

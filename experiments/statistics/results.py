@@ -13,7 +13,7 @@ Status = Literal["running", "completed", "failed", "interrupted"]
 
 
 class ResultHeader(Document):
-    """What every document of results begins with."""
+    """The entries with which every document of results begins."""
 
     schema_version: int = Field(alias="schema")
     status: Status
@@ -24,7 +24,7 @@ class ResultHeader(Document):
 
 
 class MethodSettings(Document):
-    """What was flown in an evaluation."""
+    """A method of an evaluation."""
 
     method: str
     run: str | None
@@ -36,7 +36,7 @@ class MethodSettings(Document):
 
 
 class EvaluationSettings(Document):
-    """What defines an evaluation: two with equal settings give equal metrics."""
+    """All that defines an evaluation: two with equal settings give equal metrics."""
 
     methods: list[MethodSettings]
     distributions: list[str]
@@ -45,7 +45,7 @@ class EvaluationSettings(Document):
     speeds_mps: list[float]
     heading_hold_s: list[float]
     episodes: int
-    """Topologies per setting."""
+    """Number of topologies per setting."""
     seed: int
     planner_evaluations: int
     world: Annotated[dict[str, dict[str, JsonValue]], CURRENT_KEYS]
@@ -55,12 +55,12 @@ class EvaluationSettings(Document):
 
 
 class EvaluationResult(Document):
-    """A method in a setting. In JSON its metrics stand beside the other keys."""
+    """The result of a method in a setting. In JSON its metrics stand beside the other keys."""
 
     __pydantic_extra__: dict[str, MetricSummary] = Field(init=False)
     method: str
     run: str | None
-    """The id of the run that it was learned in; None for a rule."""
+    """Id of the run in which the method was learned; None for a rule."""
     objective: str
     distribution: str
     uavs: int
@@ -70,16 +70,16 @@ class EvaluationResult(Document):
     deterministic: bool
     episodes: int
     comparable: bool
-    """Whether it has the same task as the others."""
+    """Whether the method has the same task as the others."""
 
     @property
     def label(self) -> str:
-        """The method, and whether its actions are sampled."""
+        """The method's name, marked if its actions are sampled."""
         return label_of(self.method, self.deterministic)
 
     @property
     def metrics(self) -> dict[str, MetricSummary]:
-        """By the metrics' names."""
+        """The metrics by their names."""
         return self.__pydantic_extra__
 
 
