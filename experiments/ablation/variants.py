@@ -125,7 +125,7 @@ def check_variants(variants: Sequence[Variant], base: RunConfig) -> list[str]:
         if variant.name in known:
             raise InputError(f"two variants are called '{variant.name}': leave one of them out")
         if config.training.seed != base.training.seed:
-            raise InputError("training.seed is no variant: see --seeds")
+            raise InputError("training.seed cannot be varied: see --seeds")
         for name, other in known.items():
             if config == other:
                 same = "the base" if name == BASE else f"variant '{name}'"
@@ -137,7 +137,7 @@ def check_variants(variants: Sequence[Variant], base: RunConfig) -> list[str]:
 
 def _notes(variant: Variant, config: RunConfig, base: RunConfig) -> Iterator[str]:
     if "reset.kappa" in variant.values and not config.reset.enabled:
-        yield "Reset-and-Finetune is off, so kappa is idle"
+        yield "Reset-and-Finetune is off, so kappa has no effect"
     if "training.algorithm" in variant.values and config.reset.enabled:
         yield "Reset-and-Finetune stays on, as in the base"
     spare_uavs = spare_uavs_note(config.network)
@@ -145,6 +145,5 @@ def _notes(variant: Variant, config: RunConfig, base: RunConfig) -> Iterator[str
         yield spare_uavs
     if keys := reward_differences([flatten(base), flatten(config)]):
         yield (
-            f"its reward is another function than the base's ({', '.join(keys)}), so rewards do "
-            "not compare"
+            f"its reward function is not the base's ({', '.join(keys)}), so rewards do not compare"
         )

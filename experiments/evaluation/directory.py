@@ -138,8 +138,8 @@ def read_interrupted(
     missing = [name for name in (*names, *EVALUATION_METRICS) if name not in table.column_names]
     if missing:
         note(
-            f"what --out {directory} holds is of another version, which did not measure "
-            f"{', '.join(missing)}: it is flown again"
+            f"--out {directory} holds flights of another version, which did not measure "
+            f"{', '.join(missing)}: they are flown again"
         )
         return {}
     groups: dict[tuple[Any, ...], list[dict[str, Any]]] = {}

@@ -58,7 +58,7 @@ class Setting(NamedTuple):
         try:
             return world.with_overrides(self.values())
         except ValueError as error:
-            raise InputError(f"a setting that cannot be flown: {error}") from error
+            raise InputError(f"a setting cannot be flown: {error}") from error
 
 
 SETTING_FIELDS = (
@@ -214,7 +214,7 @@ class _Topologies:
                     ]
                 )
             except ValueError as error:
-                raise InputError(f"a start that cannot be found: {error}") from error
+                raise InputError(f"no start can be found: {error}") from error
         return parameters, self._drawn[kind]
 
 

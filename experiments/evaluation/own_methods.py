@@ -55,7 +55,7 @@ def read_own_methods(specifications: Sequence[str], taken: Collection[str] = ())
 def _own_method(specification: str) -> Contender:
     file, _, name = specification.rpartition(":")
     if not file or not name.isidentifier():
-        raise InputError(f"--method {specification}: it is FILE.py:CLASS")
+        raise InputError(f"--method {specification}: it must be FILE.py:CLASS")
     path = Path(file).expanduser()
     try:
         source = path.read_bytes()

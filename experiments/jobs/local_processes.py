@@ -113,7 +113,7 @@ class LocalProcesses:
 
     def __init__(self, processes: int) -> None:
         if processes < 1:
-            raise InputError(f"{processes} jobs at once: 1 or more are possible")
+            raise InputError(f"{processes} jobs at once: give 1 or more")
         cores = usable_cores()
         self.processes = min(processes, cores)
         """The most jobs that run at once."""

@@ -31,7 +31,7 @@ class Job:
         if not self.command:
             raise ValueError(f"job '{self.name}' has an empty command")
         if not 0.0 < self.cost < math.inf:
-            raise ValueError(f"job '{self.name}' costs {self.cost}: a positive number is possible")
+            raise ValueError(f"job '{self.name}' costs {self.cost}: give a positive finite number")
 
 
 def last_end(waiting: Iterable[float], busy: Sequence[float]) -> float:

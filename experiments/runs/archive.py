@@ -102,7 +102,7 @@ def export_runs(
         if run.status == "running":
             raise InputError(f"run {run_id} is running: it can be exported when it has ended")
         if not _ID.fullmatch(run_id):
-            raise InputError(f"{run.path}: {run_id!r} is no run's id")
+            raise InputError(f"{run.path}: {run_id!r} is not a valid id of a run")
         for name in _files_of(run.path):
             if not _FILE.fullmatch(name) or not _is_regular(run.path / name):
                 left_out.append(f"{run_id}/{name}")
@@ -243,7 +243,7 @@ def import_runs(archive: Path, runs_dir: Path) -> list[Path]:
         *(ValueError, NotImplementedError, RuntimeError),
     ) as error:
         reason = in_one_line(error)
-        raise InputError(f"{archive} is no archive of runs, or damaged: {reason}") from error
+        raise InputError(f"{archive} is not an archive of runs, or is damaged: {reason}") from error
 
 
 def _check_end(file: IO[bytes]) -> None:
@@ -258,7 +258,7 @@ def _check_end(file: IO[bytes]) -> None:
     tail = file.read()
     mark, disk, first_disk, here, count, length, start, comment = _END.unpack(tail[-_END.size :])
     if mark != b"PK\5\6" or tail[:4] == b"PK\6\7" or disk or first_disk or comment:
-        raise ValueError("it is no zip as an export writes it")
+        raise ValueError("it is not a zip that an export wrote")
     if here != count or start + length + _END.size != size:
         raise ValueError("its directory is not where it should be")
     if count > MOST_FILES or length > _LARGEST_DIRECTORY:
@@ -274,7 +274,7 @@ def _check_entries(entries: Sequence[zipfile.ZipInfo]) -> dict[str, zipfile.ZipI
         run_id, separator, inner = name.partition("/")
         is_known = bool(separator and _ID.fullmatch(run_id) and _FILE.fullmatch(inner))
         if not (is_known or name == MANIFEST):
-            raise ValueError(f"it holds {name!r:.80}, which is no file of a run")
+            raise ValueError(f"it holds {name!r:.80}, which is not a file of a run")
         if name.casefold() in folded:
             raise ValueError(f"it holds {name} twice")
         if stat.S_IFMT(entry.external_attr >> 16) != stat.S_IFREG or entry.extra or entry.comment:
@@ -283,7 +283,7 @@ def _check_entries(entries: Sequence[zipfile.ZipInfo]) -> dict[str, zipfile.ZipI
             zipfile.ZIP_STORED,
             zipfile.ZIP_DEFLATED,
         ):
-            raise ValueError(f"{name} is encrypted, or compressed in another way than an export's")
+            raise ValueError(f"{name} is encrypted, or not compressed as an export does it")
         ratio = entry.file_size / max(entry.compress_size, 1)
         if entry.file_size > _SMALL and ratio > LARGEST_RATIO:
             raise ValueError(f"{name} would unpack to {ratio:,.0f} times its size")
@@ -305,15 +305,15 @@ def _read_manifest(
     try:
         runs = _Manifest.from_json(json.loads(archive.read(entry))).runs
     except ValueError as error:
-        raise ValueError(f"its {MANIFEST} is not as an export writes it: {error}") from error
+        raise ValueError(f"its {MANIFEST} is not one that an export wrote: {error}") from error
     promised = {
         f"{run_id}/{name}": file for run_id, files in runs.items() for name, file in files.items()
     }
     if {MANIFEST, *promised} != set(entries):
-        raise ValueError(f"its {MANIFEST} lists other files than there are")
+        raise ValueError(f"its {MANIFEST} does not list the files that the archive holds")
     for name, file in promised.items():
         if file.size != entries[name].file_size:
-            raise ValueError(f"{name} is not as its {MANIFEST} says")
+            raise ValueError(f"{name} does not have the size that {MANIFEST} says")
     for run_id, files in runs.items():
         if not {RECORD_FILE, CONFIG_FILE} <= set(files):
             raise ValueError(f"run {run_id!r:.80} has no {RECORD_FILE} or no {CONFIG_FILE}")
@@ -330,7 +330,9 @@ def _check_room(runs_dir: Path, runs: Mapping[str, Mapping[str, _File]]) -> None
     total = sum(file.size for files in runs.values() for file in files.values())
     free = shutil.disk_usage(existing).free
     if total > free:
-        raise InputError(f"it unpacks to {total:,} bytes, and {existing} has room for {free:,}")
+        raise InputError(
+            f"it unpacks to {total:,} bytes, but {existing} has room for only {free:,}"
+        )
 
 
 def _unpack(

@@ -268,7 +268,7 @@ class RunDirectory:
         """
         path = self.path / EPISODES_FILE
         if type(size) is not int or size < 0:
-            raise ValueError(f"{size!r} is no size of a log")
+            raise ValueError(f"{size!r} is not a size of a log")
         content = read_bytes(path, max(LARGEST_LOG, 2 * size))[:size] if path.is_file() else b""
         if size and (len(content) != size or hashlib.sha256(content).hexdigest() != checksum):
             raise ValueError(f"{path} is not what was written")
@@ -366,7 +366,7 @@ def _parsed(text: str) -> list[Row]:
         raise ValueError("the log of episodes has other columns, or ends in the middle of a row")
     rows = [dict(zip(EPISODE_COLUMNS, map(float, line.split(",")), strict=True)) for line in lines]
     if [row["episode"] for row in rows] != list(range(1, len(rows) + 1)):
-        raise ValueError("the log of episodes leaves out some of them")
+        raise ValueError("the log of episodes lacks some episodes")
     return rows
 
 

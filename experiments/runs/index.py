@@ -174,7 +174,7 @@ def read_run(path: Path) -> Run:
     record = read_record(path)
     sections = read_plain_config(path, record)
     if not all(isinstance(one, dict) for one in sections.values()):
-        raise InputError(f"{path / CONFIG_FILE} is no configuration of a run")
+        raise InputError(f"{path / CONFIG_FILE} is not the configuration of a run")
     found = {
         f"{section}.{key}": value
         for section, fields in with_current_keys(sections).items()
@@ -182,7 +182,7 @@ def read_run(path: Path) -> Run:
     }
     config = _defaults() | found  # a key may be newer than the run
     if not isinstance(config["training.episodes"], int):
-        raise InputError(f"{path}: its configuration has no number of episodes")
+        raise InputError(f"{path}: training.episodes in its configuration is not a number")
     status = status_of(path, record)
     if status in ("running", "died"):
         _bring_up_to_date(record, path / EPISODES_FILE)
@@ -206,7 +206,7 @@ def read_log(run: Run) -> list[Row]:
     try:
         lines = read_bytes(path, LARGEST_LOG).decode().split("\n")[:-1]
         if lines and lines[0].split(",") != list(EPISODE_COLUMNS):
-            raise ValueError("its columns are others")
+            raise ValueError("it has other columns than expected")
         return _rows(lines[1:])
     except FileNotFoundError:
         return []

@@ -98,7 +98,7 @@ def read_record(path: Path) -> RunRecord:
     try:
         return RunRecord.from_json(document)
     except ValueError as error:
-        raise InputError(f"{file} is no record of a run: {error}") from error
+        raise InputError(f"{file} is not the record of a run: {error}") from error
 
 
 def read_plain_config(path: Path, record: RunRecord) -> dict[str, Any]:
@@ -231,7 +231,7 @@ def find_run(name: str, runs_dir: Path) -> Path:
         return runs_dir / found[0]
     if found:
         shown = ", ".join(found[:4]) + (" ..." if len(found) > 4 else "")
-        raise InputError(f"'{name}' begins {len(found)} runs: {shown}")
+        raise InputError(f"the ids of {len(found)} runs begin with '{name}': {shown}")
     try:
         os.lstat(runs_dir / name / RECORD_FILE)
     except PermissionError as error:
@@ -254,6 +254,8 @@ def expanded(path: str | Path) -> Path:
         return Path(path).expanduser()
     except UnicodeEncodeError as error:
         shown = os.fsencode(path)
-        raise InputError(f"{shown!r} is no path that is used here: it is not UTF-8") from error
+        raise InputError(f"the path {shown!r} cannot be used: it is not UTF-8") from error
     except RuntimeError as error:
-        raise InputError(f"{path}: no home is known for that; give the path without '~'") from error
+        raise InputError(
+            f"{path}: the home directory is unknown; give the path without '~'"
+        ) from error

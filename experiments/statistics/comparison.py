@@ -164,7 +164,7 @@ def compare_pairs(
             margin is not above 0.
     """
     if better not in ("higher", "lower", None):
-        raise InputError(f"'{better}' is no way to be better: give 'higher', 'lower' or None")
+        raise InputError(f"better is '{better}': give 'higher', 'lower' or None")
     one, other = _checked(base), _checked(variant)
     if len(one) != len(other):
         raise InputError(
@@ -271,7 +271,7 @@ def equivalence(differences: Floats, margin: float | None) -> Equivalence | None
     if margin is None:
         return None
     if not 0.0 < margin < np.inf:
-        raise InputError(f"a margin of {margin} is no margin: give a finite number above 0")
+        raise InputError(f"the margin is {margin}: give a finite number above 0")
     count = len(differences)
     if count < MIN_SEEDS:
         return None
@@ -319,7 +319,7 @@ def holm(p_values: Sequence[float | None]) -> list[float | None]:
     greatest = 0.0
     for rank, (p_value, index) in enumerate(sorted(tested)):
         if not 0.0 <= p_value <= 1.0:
-            raise InputError(f"{p_value} is no p-value: give numbers from 0 to 1, or None")
+            raise InputError(f"{p_value} is not a p-value: give numbers from 0 to 1, or None")
         greatest = max(greatest, min(1.0, (len(tested) - rank) * p_value))
         adjusted[index] = greatest
     return adjusted
@@ -350,7 +350,9 @@ def compare_families(
     margins = margins or {}
     for metric in margins:
         if metric not in better:
-            raise InputError(f"a margin for '{metric}', but judged are {', '.join(better)}")
+            raise InputError(
+                f"there is a margin for '{metric}', but only {', '.join(better)} are judged"
+            )
     comparisons: dict[str, dict[str, Comparison]] = {name: {} for name in variants}
     for name, metric in product(variants, better):
         comparisons[name][metric] = compare_pairs(
@@ -432,7 +434,7 @@ def _checked(values: Values) -> Floats:
         checked = np.array(np.inf)
     if checked.ndim != 1 or np.isinf(checked).any():
         raise InputError(
-            f"{values!r} are no values of a metric: give a list of finite numbers, NaN where a "
+            f"{values!r} are not values of a metric: give a list of finite numbers, NaN where a "
             "run failed"
         )
     return checked

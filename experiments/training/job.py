@@ -113,7 +113,7 @@ class TrainingJob:
                 tuple(document["command"]),
             )
         except (OSError, ValueError, LookupError, TypeError) as error:
-            raise InputError(f"{order} is no order of a training job: {error}") from error
+            raise InputError(f"{order} is not the order of a training job: {error}") from error
 
 
 class _FractionDone:

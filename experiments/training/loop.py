@@ -158,7 +158,7 @@ def _learn(
     trackers: Sequence[SafeTracker],
     interruption: Interruption,
 ) -> MAPPO | MADDPG:
-    """Build the learner, restore it if the run is resumed, and train it; ``outcome`` is kept up."""
+    """Build the learner, restore it if the run is resumed, and train it; update ``outcome``."""
     set_up_torch(config.training.threads)
     run = outcome.run
     _compile(config)

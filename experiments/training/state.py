@@ -89,7 +89,7 @@ class Training:
         # A value that was missing or of another type shows here, as it reads back differently.
         for key, value in self.state().document.items():
             if _canonical(value) != _canonical(document[key]):
-                raise ValueError(f"its {key} are not what a run has")
+                raise ValueError(f"its '{key}' entry does not fit this run")
 
 
 def _canonical(value: Any) -> str:
@@ -114,7 +114,7 @@ def _restore_generators(states: Mapping[str, Any], device: torch.device) -> None
     random.setstate((version, tuple(words), following))
     name, keys, *rest = states["numpy"]
     if not 0 <= rest[0] <= len(keys):  # NumPy does not check this itself
-        raise ValueError(f"NumPy's generator has no number {rest[0]}")
+        raise ValueError(f"{rest[0]} is not a position of NumPy's generator")
     np.random.set_state((name, np.array(keys, np.uint32), *rest))  # noqa: NPY002
     if device.type == "cuda":
         torch.cuda.set_rng_state(_tensor(states["cuda"]), device)

@@ -758,7 +758,7 @@ class TestCompare:
         for name, run in zip(short_names(found), found, strict=True):
             assert find_run(name, runs) == run.path
         assert find_run("one-s1", runs) == tenth
-        with pytest.raises(InputError, match="'two-s0' begins 2 runs"):
+        with pytest.raises(InputError, match="the ids of 2 runs begin with 'two-s0'"):
             find_run("two-s0", runs)
 
 

@@ -493,8 +493,8 @@ class TestPairs:
         [
             (([1.0], [1.0, 2.0], "higher"), "1 seeds of the base and 2 of the variant"),
             (([1.0], [math.inf], "higher"), "finite"),
-            (([1.0], [2.0], "more"), "'more' is no way"),
-            (([1.0], [2.0], "higher", 0.0), "margin of 0.0"),
+            (([1.0], [2.0], "more"), "better is 'more'"),
+            (([1.0], [2.0], "higher", 0.0), "margin is 0.0"),
         ],
     )
     def test_what_cannot_be_compared_is_refused(self, arguments, message):
@@ -599,7 +599,7 @@ class TestFamilies:
         [
             ({}, {"reward": ZEROS}, {}, "the base has no 'reward', only nothing"),
             ({"reward": ZEROS}, {"power": ZEROS}, {}, "'own' has no 'reward', only power"),
-            ({"reward": ZEROS}, {"reward": ZEROS}, {"power": 1.0}, "judged are reward"),
+            ({"reward": ZEROS}, {"reward": ZEROS}, {"power": 1.0}, "only reward are judged"),
         ],
     )
     def test_what_is_missing_is_named(self, base, variant, margins, message):

@@ -569,7 +569,7 @@ def test_ambiguous_and_unknown_runs(trained, tmp_path):
     shutil.copytree(trained, tmp_path / (trained.name + "x"))
     shutil.copytree(trained, tmp_path / trained.name)
     assert find_run(trained.name, tmp_path) == tmp_path / trained.name
-    with pytest.raises(InputError, match="begins 2 runs"):
+    with pytest.raises(InputError, match="the ids of 2 runs begin with"):
         find_run(trained.name[:-1], tmp_path)
     with pytest.raises(InputError, match=f"did you mean '{trained.name}"):
         find_run(trained.name[1:], tmp_path)
@@ -788,7 +788,7 @@ def test_an_interrupted_evaluation_of_an_earlier_version_is_flown_again(
     finished = evaluate_tiny(*arguments)
     assert finished.code == 0
     [note] = [line for line in finished.err.splitlines() if line.startswith("note: ")]
-    assert "total_coverage: it is flown again" in note
+    assert "total_coverage: they are flown again" in note
     assert "total_coverage" in pq.read_table(path).column_names
 
 

@@ -320,7 +320,7 @@ class TestProcesses:
 
     @pytest.mark.parametrize("processes", [0, -1])
     def test_fewer_than_one_are_refused(self, processes):
-        with pytest.raises(InputError, match=f"{processes} jobs at once: 1 or more"):
+        with pytest.raises(InputError, match=f"{processes} jobs at once: give 1 or more"):
             LocalProcesses(processes)
 
     def test_a_job_has_one_thread_a_session_and_an_open_input(self, make):

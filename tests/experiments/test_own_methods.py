@@ -107,8 +107,8 @@ class TestErrors:
     @pytest.mark.parametrize(
         ("given", "told"),
         [
-            ("rule.py", "it is FILE.py:CLASS"),
-            ("rule.py:", "it is FILE.py:CLASS"),
+            ("rule.py", "it must be FILE.py:CLASS"),
+            ("rule.py:", "it must be FILE.py:CLASS"),
             ("nowhere.py:StandStill", "No such file or directory: nowhere.py"),
             ("rule.py:StandFirm", "rule.py has no class 'StandFirm'"),
             ("rule.py:np", "rule.py has no class 'np'"),

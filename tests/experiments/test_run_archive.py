@@ -214,7 +214,7 @@ class TestCommand:
         path = tmp_path / "x.zip"
         path.write_bytes(content)
         finished = orchid("runs", "import", path, "--runs-dir", tmp_path / "there")
-        assert_is_an_error(finished, "x.zip is no archive of runs")
+        assert_is_an_error(finished, "x.zip is not an archive of runs")
         assert not (tmp_path / "there").exists()
 
     def test_what_is_not_there_is_an_error(self, tmp_path, orchid):
@@ -311,7 +311,7 @@ class TestImport:
         usage = type(shutil.disk_usage("/"))(10**9, 10**9, 10)
         monkeypatch.setattr(shutil, "disk_usage", lambda path: usage)
         monkeypatch.setattr(tempfile, "mkdtemp", lambda **options: pytest.fail("it wrote"))
-        with pytest.raises(InputError, match="has room for 10"):
+        with pytest.raises(InputError, match="has room for only 10"):
             import_runs(zipped, tmp_path / "there")
 
     def test_a_directory_that_cannot_be_made_is_an_error(self, zipped, tmp_path):
@@ -452,11 +452,11 @@ class TestHostile:
     def test_a_name_that_no_export_gives(self, files, refused, run, name):
         given = name.format(run=run.name, long="x" * 300)
         packed = pack(with_manifest(files | {given: b"{}"}))
-        refused(packed, "no file of a run")
+        refused(packed, "not a file of a run")
 
     def test_a_name_that_ends_for_some_at_a_zero_byte(self, files, refused, run):
         packed = pack(with_manifest(files | {f"{run.name}/run.jsonX.py": b"{}"}))
-        refused(packed.replace(b"run.jsonX.py", b"run.json\0.py"), "no file of a run")
+        refused(packed.replace(b"run.jsonX.py", b"run.json\0.py"), "not a file of a run")
 
     @pytest.mark.parametrize(
         "kind", [stat.S_IFLNK, stat.S_IFIFO, stat.S_IFCHR, stat.S_IFBLK, stat.S_IFDIR, 0]
@@ -491,8 +491,8 @@ class TestHostile:
 
     def test_a_manifest_of_other_files_than_there_are(self, files, refused):
         *own, manifest = with_manifest(files)
-        refused(pack([*own[1:], manifest]), "other files")
-        refused(pack([*own, ("a/run.json", b"{}"), manifest]), "other files")
+        refused(pack([*own[1:], manifest]), "does not list the files")
+        refused(pack([*own, ("a/run.json", b"{}"), manifest]), "does not list the files")
         refused(pack(own), MANIFEST)
         refused(pack([(MANIFEST, b'{"schema": 1, "runs": {}}')]), "no run")
 
@@ -595,7 +595,7 @@ class TestHostile:
         packed = bytearray(pack(with_manifest(files)))
         at = packed.index(b"PK\1\2")
         packed[at + 8] |= 1
-        refused(bytes(packed), "encrypted, or compressed in another way")
+        refused(bytes(packed), "encrypted, or not compressed as")
 
     def test_other_layouts_of_the_format(self, zipped, refused, files):
         content = zipped.read_bytes()

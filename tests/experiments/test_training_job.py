@@ -278,7 +278,7 @@ class TestJob:
             made.command, cwd=tmp_path, capture_output=True, text=True, check=False
         )
         assert finished.stderr.startswith("error: "), finished.stderr
-        assert "lab-s0.json is no order of a training job" in finished.stderr
+        assert "lab-s0.json is not the order of a training job" in finished.stderr
 
     def test_what_is_done_of_it_grows_with_its_episodes(self, make, tmp_path, monkeypatch):
         job, seen = make(), []
@@ -297,7 +297,7 @@ class TestJob:
         order = tmp_path / "order.json"
         if content is not None:
             order.write_text(content)
-        with pytest.raises(InputError, match=r"order\.json is no order of a training job"):
+        with pytest.raises(InputError, match=r"order\.json is not the order of a training job"):
             TrainingJob.read(order)
 
 
@@ -356,7 +356,7 @@ class TestProcess:
         err = capsys.readouterr().err
         assert err.startswith(f"error: run {record_of(only_run(job))['id']} failed after ")
         assert self.main(monkeypatch, tmp_path / "none.json") == 1
-        assert "none.json is no order" in capsys.readouterr().err
+        assert "none.json is not the order" in capsys.readouterr().err
 
     def test_ends_with_130_if_it_is_stopped_at_once(self, make, tmp_path, monkeypatch):
         def stop(*given):

@@ -192,7 +192,7 @@ class TestCheck:
     @pytest.mark.parametrize(
         ("text", "base", "note"),
         [
-            ("reset.kappa=0.1", {"reset.enabled": False}, "kappa is idle"),
+            ("reset.kappa=0.1", {"reset.enabled": False}, "kappa has no effect"),
             ("training.algorithm=maddpg", {}, "Reset-and-Finetune stays on"),
             ("reward.objective=pf", {}, "(reward.objective), so rewards do not compare"),
             ("training.episodes=300", {}, "(training.schedule_episodes), so rewards do not"),

@@ -629,7 +629,7 @@ class TestSealedByOneWhoKnows:
             missing = () if key == "pid" else (...,)  # of released policies nobody knows it
             for value in (*missing, *values):
                 write_sealed(path, changed(original, (key,), value))
-                with pytest.raises(InputError, match=r"run\.json is no record of a run") as error:
+                with pytest.raises(InputError, match=r"run\.json is not the record of") as error:
                     read_record(copy)
                 assert len(str(error.value).splitlines()) == 1
         write_sealed(path, original)
