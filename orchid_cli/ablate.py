@@ -62,7 +62,7 @@ def ablate(
         list[str] | None,
         option(
             VARIANTS_PANEL,
-            "section.key=value; may be repeated, a variant each.",
+            "section.key=value: a variant with this value; may be repeated.",
             "--set",
             autocompletion=completion.assignments,
         ),
@@ -71,7 +71,7 @@ def ablate(
         str | None,
         option(
             VARIANTS_PANEL,
-            "Controls for Reset-and-Finetune: all, or of reset-only, decay-only, random-time, "
+            "Controls for Reset-and-Finetune: all, or some of reset-only, decay-only, random-time, "
             "linear-decay, frozen.",
             "--controls",
             metavar="LIST",
@@ -83,7 +83,7 @@ def ablate(
         list[str] | None,
         option(
             _BASE,
-            "section.key=value of the base; may be repeated.",
+            "section.key=value: a value of the base; may be repeated.",
             "--base",
             autocompletion=completion.assignments,
         ),
@@ -91,7 +91,7 @@ def ablate(
     flags: BaseFlags,
     seeds: Annotated[str, option(_STUDY, "Training seeds (default: 0..9).")] = "0..9",
     jobs: Annotated[
-        int | None, option(_STUDY, "Runs trained at once (default: as many as cores).")
+        int | None, option(_STUDY, "Runs trained at once (default: one per core).")
     ] = None,
     topologies: Annotated[
         int,
@@ -108,7 +108,10 @@ def ablate(
     ] = 0,
     margin: Annotated[
         float,
-        option(_STUDY, "Share of the base's mean that does not matter (default: 0.05)."),
+        option(
+            _STUDY,
+            "Share of the base's mean below which a difference is negligible (default: 0.05).",
+        ),
     ] = 0.05,
     out: Annotated[
         Path | None,
@@ -120,8 +123,8 @@ def ablate(
 ) -> None:
     """Train a base and its variants on the same seeds, fly them, and compare pair by pair.
 
-    Ctrl-C keeps what is done; the same command with the same --out goes on, and trains no finished
-    seed again. Further seeds and variants can be added to a study in the same way.
+    Ctrl-C stops and keeps the finished results; the same command with the same --out continues and
+    does not train finished seeds again. The same way, seeds and variants can be added to a study.
 
     Example: orchid ablate --no-rf --kappa 0.1,0.3 --seeds 0..4 --jobs 2
     """
@@ -134,9 +137,9 @@ def ablate(
         for note in check_variants(compared, merged):
             print_note(note)
         if not 0.0 < margin < math.inf:
-            raise InputError(f"--margin {margin}: a finite share above 0 is possible")
+            raise InputError(f"--margin {margin}: it must be a finite number above 0")
         seed_list = parse_counts(seeds, "--seeds", least=0)
-        # torch and pyarrow take seconds to import: not before the input is known to be right.
+        # torch and pyarrow take seconds to import, so the input is checked first.
         from orchid_uav.experiments.ablation.design import Ablation
         from orchid_uav.experiments.ablation.study import DEFAULT_PARENT, RUNS_FOLDER, AblationStudy
         from orchid_uav.experiments.evaluation.directory import make_default_directory
@@ -158,9 +161,9 @@ def ablate(
             with stdout_for_json_alone(as_json):
                 document = _run(study, executor, shown, quiet, again)
         except RunFailedError as error:
-            raise RunFailedError(f"{error}\nthis tries again: {again}") from error
+            raise RunFailedError(f"{error}\ntry again with: {again}") from error
         if document is None:
-            print_line(console(stderr=True), f"interrupted; this goes on: {again}")
+            print_line(console(stderr=True), f"interrupted; continue with: {again}")
             raise typer.Exit(INTERRUPTED)
         if as_json:
             print(json.dumps(document.to_json(), allow_nan=False))
@@ -170,7 +173,7 @@ def ablate(
             print_ablation(shown, document)
         print_line(shown, f"{document.status}: {directory}")
         if document.status == "failed":
-            print_line(console(stderr=True), f"this tries the failed runs again: {again}")
+            print_line(console(stderr=True), f"try the failed runs again with: {again}")
             raise typer.Exit(FAILED)
         if not (as_json or quiet):
             print_next(shown, "runs", "list", "--runs-dir", str(directory / RUNS_FOLDER))
@@ -206,7 +209,7 @@ def _words(text: str | None) -> list[str]:
 def _run(
     study: "AblationStudy", executor: "LocalProcesses", shown: Console, quiet: bool, again: str
 ) -> "AblationResult | None":
-    """Train and evaluate; None if interrupted."""
+    """Train and evaluate; return None if interrupted."""
     from orchid_uav.cli.progress.evaluation import evaluation_progress
     from orchid_uav.cli.progress.jobs import job_progress
     from orchid_uav.experiments.ablation.design import differing_worlds
@@ -229,16 +232,16 @@ def _run(
 
 
 def _announce(study: "AblationStudy", waiting: int, shown: Console, again: str) -> None:
-    """Say what is to come, and what goes on if it does not."""
+    """Print what will be trained, and the command that continues the study if it stops."""
     names, seeds = list(study.ablation.configurations()), study.ablation.seeds
     total = len(study.training_jobs)
     print_line(shown, f"seeds {', '.join(map(str, seeds))}")
     print_line(
         shown,
         f"{', '.join(names)}: {len(names)} x {len(seeds)} seeds = {total} runs of "
-        f"{study.ablation.base.training.episodes} episodes, {total - waiting} of them done before",
+        f"{study.ablation.base.training.episodes} episodes, {total - waiting} of them already done",
     )
-    print_line(shown, f"if it stops, this goes on: {again}")
+    print_line(shown, f"if it stops, continue with: {again}")
 
 
 def _costs(
@@ -248,7 +251,7 @@ def _costs(
     shown: Console,
     quiet: bool,
 ) -> dict[str, float]:
-    """How long a run takes, by variant, in seconds."""
+    """Estimate how long a run of each variant takes, in seconds."""
     from orchid_uav.experiments.ablation.calibration import seconds_per_episode
     from orchid_uav.experiments.jobs.workload import last_end
 
@@ -268,6 +271,6 @@ def _costs(
         text = f"{minutes / 60:.1f} hours" if minutes >= 60 else f"{math.ceil(minutes)} min"
         print_line(
             shown,
-            f"about {text} with {processes} at once, if runs side by side are as fast as this one",
+            f"about {text} with {processes} at once, if parallel runs are as fast as a single one",
         )
     return costs

@@ -1,4 +1,4 @@
-"""What all commands have in common: how their help reads, and that no option is empty."""
+"""What all commands share: the layout of their help, and the check for empty options."""
 
 import inspect
 from collections.abc import Callable, Sequence
@@ -10,16 +10,16 @@ from typer.core import TyperCommand, TyperGroup
 
 def _below_2_to_the_63(value: int) -> int:
     if value >= 2**63:
-        raise typer.BadParameter(f"{value} is too large: it is below 2**63")
+        raise typer.BadParameter(f"{value} is too large: it must be below 2**63")
     return value
 
 
 SEED: dict[str, Any] = {"min": 0, "metavar": "N", "callback": _below_2_to_the_63}
-"""Of the option of a seed of topologies; its largest value would fill half a line of the help."""
+"""Settings of every topology seed option; showing its range would fill half a line of the help."""
 
 
 class Commands(typer.Typer):
-    """A group of commands, made as every group of ``orchid`` is."""
+    """A group of commands with the settings that every group of ``orchid`` shares."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(
@@ -38,13 +38,13 @@ class Commands(typer.Typer):
 
 
 def flowing(text: str) -> str:
-    """Paragraphs without their line breaks, which would be kept on a terminal of any width."""
+    """Remove line breaks within paragraphs, since Typer would keep them at any terminal width."""
     paragraphs = inspect.cleandoc(text).split("\n\n")
     return "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
 
 
 def _without_types_of_switches(parameters: Sequence[Any]) -> list[Any]:
-    """A switch takes no value, so that no type is to be shown for it."""
+    """Hide the type of every switch, since a switch takes no value."""
     for parameter in parameters:
         if getattr(parameter, "is_flag", False):
             parameter.metavar = ""
@@ -69,7 +69,7 @@ class _Group(TyperGroup):
 
 
 def _check_not_empty(arguments: Sequence[str]) -> None:
-    """An empty value is most likely a variable of a script that is not set: no default for it.
+    """Refuse empty values: most likely a script's variable is not set, so no default is right.
 
     Raises:
         typer.BadParameter: an option or an argument is empty.
@@ -82,7 +82,7 @@ def _check_not_empty(arguments: Sequence[str]) -> None:
             option = name if is_option else before if before.startswith("--") else ""
             if option:
                 raise typer.BadParameter(
-                    "it is empty; give a value, or leave the option out", param_hint=option
+                    "the value is empty; give one, or leave the option out", param_hint=option
                 )
             raise typer.BadParameter("an argument is empty")
         before = argument

@@ -1,7 +1,7 @@
 """What a shell completes: run ids, methods, metrics and keys.
 
-A shell waits for it at every press of the tab key, so that nothing slow is imported; and whatever
-goes wrong, nothing is printed between what is being typed.
+The shell waits for the answer at every press of the tab key, so nothing slow is imported. Errors
+are never printed, since they would appear in the middle of the command line.
 """
 
 import os
@@ -19,14 +19,14 @@ def _silent(complete: _Completer) -> _Completer:
     def quietly(ctx: typer.Context, incomplete: str) -> list[str]:
         try:
             return complete(ctx, incomplete)
-        except Exception:  # of what is in the files or the environment, told when they are used
+        except Exception:  # bad files or variables are reported when they are used
             return []
 
     return quietly
 
 
 def _listed(known: Iterable[str], incomplete: str, sign: str = "") -> list[str]:
-    """Completions of the last one of names divided by commas, each of which is given once."""
+    """Complete the last of several names separated by commas; each name is offered only once."""
     before, comma, last = incomplete.rpartition(",")
     given = {one.removeprefix(sign) for one in before.split(",")}
     order = sign if sign and last.startswith(sign) else ""
@@ -35,7 +35,7 @@ def _listed(known: Iterable[str], incomplete: str, sign: str = "") -> list[str]:
 
 @_silent
 def runs(ctx: typer.Context, incomplete: str) -> list[str]:
-    """Ids, or their parts behind the time; a shell completes paths itself."""
+    """Complete run ids, or their parts after the time; the shell completes paths itself."""
     from orchid_uav.experiments.runs.records import RECORD_FILE, without_time
 
     given = ctx.params.get("runs_dir") or os.environ.get("ORCHID_RUNS_DIR") or "runs"
@@ -71,7 +71,7 @@ def metrics(ctx: typer.Context, incomplete: str) -> list[str]:
 
 @_silent
 def training_metrics(ctx: typer.Context, incomplete: str) -> list[str]:
-    """Columns of ``episodes.csv``."""
+    """Complete the columns of ``episodes.csv``."""
     from orchid_uav.experiments.runs.index import TRAINING_METRICS
 
     return _listed(TRAINING_METRICS, incomplete)
@@ -79,9 +79,9 @@ def training_metrics(ctx: typer.Context, incomplete: str) -> list[str]:
 
 @_silent
 def assignments(ctx: typer.Context, incomplete: str) -> list[str]:
-    """Keys of the configuration; of the only one that fits, its default as well.
+    """Complete keys of the configuration; if only one fits, offer its default as well.
 
-    Two completions of one key also keep a shell from adding a space behind the sign.
+    Offering two completions of one key also keeps the shell from adding a space after the "=".
     """
     from orchid_uav.experiments.configuration import RunConfig, flatten
     from orchid_uav.experiments.runs.index import value_text

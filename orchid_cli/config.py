@@ -39,7 +39,7 @@ app = Commands()
 
 @app.callback(invoke_without_command=True)
 def _commands(context: typer.Context) -> None:
-    """Look at configurations."""
+    """Show configurations."""
     if context.invoked_subcommand is None:
         print(context.get_help())
 
@@ -57,7 +57,7 @@ def show(
         bool,
         typer.Option(
             "--changed",
-            help="Only what differs from the preset, with what it would be there.",
+            help="Show only values that differ from the preset, beside the preset's.",
             rich_help_panel=OUTPUT_PANEL,
         ),
     ] = False,
@@ -66,8 +66,8 @@ def show(
 ) -> None:
     """Print the merged configuration with units, ranges and where each value came from.
 
-    With --json alone the document can be used as a --config file. docs/configuration.md says of
-    every key what it means.
+    The output of --json without --changed can be used as a --config file. docs/configuration.md
+    explains every key.
 
     Example: orchid config show --config lab.toml --uavs 8 --changed
     """

@@ -22,7 +22,7 @@ FAILED, WRONG_INPUT, INTERRUPTED = 1, 2, 130
 GAP = 2
 """Spaces between the columns of a table."""
 _LEAST_TEXT = 20
-"""Columns of a terminal for which a text stays beside the other columns of its table."""
+"""A text column narrower than this moves to a table of its own."""
 
 OUTPUT_PANEL = "Output"
 JsonOption = Annotated[
@@ -43,7 +43,7 @@ DebugOption = Annotated[
 
 
 def console(stderr: bool = False) -> Console:
-    """A console whose lines are never cut to a width off a terminal."""
+    """Make a console; when the output is not a terminal, its lines are never cut."""
     made = Console(stderr=stderr, highlight=False, emoji=False)
     if not made.is_terminal:
         made = Console(stderr=stderr, highlight=False, emoji=False, soft_wrap=True)
@@ -51,24 +51,24 @@ def console(stderr: bool = False) -> Console:
 
 
 def has_cursor(out: Console) -> bool:
-    """Whether a display can be drawn over again there."""
+    """Whether a display can be redrawn in place there."""
     return out.is_terminal and not out.is_dumb_terminal
 
 
 def print_error(message: str) -> None:
-    """One error on stderr."""
+    """Print one error on stderr."""
     Console(stderr=True, highlight=False, emoji=False, soft_wrap=True).print(
         f"[bold red]error:[/] {_escaped(message)}"
     )
 
 
 def print_warning(message: str) -> None:
-    """One warning on stderr."""
+    """Print one warning on stderr."""
     print_text(console(stderr=True), f"warning: {message}")
 
 
 def print_note(message: str) -> None:
-    """One note on stderr."""
+    """Print one note on stderr."""
     print_text(console(stderr=True), f"note: {message}")
 
 
@@ -78,16 +78,16 @@ def print_table(
     rows: Sequence[Sequence[str]],
     wraps_last: bool = False,
 ) -> None:
-    """A table on a terminal, and tab-separated lines elsewhere.
+    """Print a table on a terminal, and tab-separated lines elsewhere.
 
-    On a terminal no cell is broken, and headings only between words: columns for which there is no
-    room go into a further table below, with the same first column.
+    On a terminal cells are never broken, and headings only between words. Columns for which there
+    is no room go into a further table below, with the same first column.
 
     Args:
-        out: where.
-        columns: their headings.
-        rows: of cells.
-        wraps_last: the last column is text, which is broken between words where room is short.
+        out: where to print.
+        columns: the headings.
+        rows: the cells of each row.
+        wraps_last: the last column is text, which may be broken between words to fit.
     """
     if not out.is_terminal:
         for row in (columns, *rows):
@@ -103,7 +103,7 @@ def print_table(
 
 
 def _wrapped(table: Sequence[Sequence[str]], room: int) -> list[str]:
-    """The last column, its cells broken between words so that it fits, if it can."""
+    """The last column, with its cells broken between words so that it fits if possible."""
     *others, (heading, *cells) = table
     beside = [least_width(column) + GAP for column in others]
     left = room - sum(beside)
@@ -113,7 +113,7 @@ def _wrapped(table: Sequence[Sequence[str]], room: int) -> list[str]:
 
 
 def _parts(table: Sequence[list[str]], room: int) -> Iterator[list[list[str]]]:
-    """Columns that fit side by side, the first of all before each group of them."""
+    """Groups of columns that fit side by side, each group after the table's first column."""
     first, *others = table
     part, width = [first], least_width(first)
     for column in others:
@@ -134,7 +134,7 @@ def least_width(column: Sequence[str]) -> int:
 
 
 def _fitted(part: Sequence[list[str]], room: int) -> list[list[str]]:
-    """With headings broken where there is no room for the whole of them."""
+    """The same columns, with headings broken where there is no room for them on one line."""
     widths = [least_width(column) for column in part]
     left = room - sum(widths) - GAP * (len(widths) - 1)
     lacking = [
@@ -151,7 +151,7 @@ def _fitted(part: Sequence[list[str]], room: int) -> list[list[str]]:
 
 
 def _broken(text: str, width: int) -> list[str]:
-    """Lines of text that is broken between words alone, some characters being two cells wide."""
+    """Break text between words only; some characters are two cells wide."""
     if cell_len(text) <= width:
         return [text]
     lines: list[str] = []
@@ -165,7 +165,7 @@ def _broken(text: str, width: int) -> list[str]:
 
 
 def _print_part(out: Console, part: Sequence[Sequence[str]]) -> None:
-    """Put together here: of a thousand rows rich makes a table in seconds."""
+    """Print a table without Rich, which takes seconds for a thousand rows."""
     widths = [
         max(cell_len(line) for cell in column for line in cell.split("\n")) for column in part
     ]
@@ -176,7 +176,7 @@ def _print_part(out: Console, part: Sequence[Sequence[str]]) -> None:
 
 
 def _lines(cells: Sequence[str], widths: Sequence[int]) -> str:
-    """A row, of as many lines as its longest cell has."""
+    """One row of a table, with as many lines as its longest cell has."""
     return "\n".join(
         (" " * GAP)
         .join(
@@ -188,27 +188,27 @@ def _lines(cells: Sequence[str], widths: Sequence[int]) -> str:
 
 
 def plain(text: str) -> str:
-    """Text of a file that may come from anywhere, without what would steer a terminal."""
+    """Remove control characters from text whose source is not trusted."""
     return "".join(one if one.isprintable() else "\N{REPLACEMENT CHARACTER}" for one in text)
 
 
 def print_line(out: Console, text: str) -> None:
-    """A line that is neither broken nor read as markup, so that a path in it can be copied."""
+    """Print a line that is neither broken nor read as markup, so that a path can be copied."""
     out.print(text, soft_wrap=True, markup=False)
 
 
 def print_text(out: Console, text: str) -> None:
-    """A sentence, which a terminal that is too narrow gets broken between words."""
+    """Print a sentence, broken between words where the terminal is too narrow."""
     print_line(out, "\n".join(_broken(text, out.width)) if out.is_terminal else text)
 
 
 def print_next(out: Console, *arguments: str) -> None:
-    """The command that is likely to be wanted next, to be copied."""
+    """Print the command that the user is likely to want next, ready to be copied."""
     print_line(out, plain(f"next: {shlex.join(['orchid', *arguments])}"))
 
 
 def print_next_on_terminal(*arguments: str) -> None:
-    """The same of commands whose output is also read by programs."""
+    """Print the next command on a terminal only, since programs also read the output."""
     out = console()
     if out.is_terminal:
         print_next(out, *arguments)
@@ -216,7 +216,7 @@ def print_next_on_terminal(*arguments: str) -> None:
 
 @contextmanager
 def stdout_for_json_alone(as_json: bool) -> Iterator[None]:
-    """With ``--json``, send to stderr what anything else prints, trackers for example."""
+    """With ``--json``, send all other output to stderr, for example that of trackers."""
     with redirect_stdout(sys.stderr) if as_json else nullcontext():
         yield
 
@@ -233,10 +233,10 @@ def failing_well(debug: bool) -> Iterator[None]:
         print_error(str(error))
         code = WRONG_INPUT if isinstance(error, InputError) else FAILED
         raise typer.Exit(code) from error
-    except EOFError as error:  # Typer would take it for an end of the terminal's input: 130
+    except EOFError as error:  # Typer would take it for Ctrl-D and exit with 130
         raise RuntimeError(f"a file ended too early: {error}") from error
     except OSError as error:
-        if error.filename is None:  # of the output, see main
+        if error.filename is None:  # the output's own error: see main
             raise
         if debug:
             traceback.print_exc()

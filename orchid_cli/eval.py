@@ -70,7 +70,7 @@ def evaluate(
         list[str] | None,
         typer.Argument(
             metavar="RUN",
-            help="Runs to fly: ids, beginnings of ids, or paths. Without, the released policies.",
+            help="Runs to fly: ids, beginnings of ids, or paths (default: the released policies).",
             show_default=False,
             autocompletion=completion.runs,
         ),
@@ -79,7 +79,7 @@ def evaluate(
         str | None,
         _option(
             _METHODS,
-            "all, learned, rules, or keys divided by commas (default: all; with RUN, rules).",
+            "all, learned, rules, or keys separated by commas (default: all; with RUN, rules).",
             show_default=False,
             autocompletion=completion.methods,
         ),
@@ -88,7 +88,7 @@ def evaluate(
         list[str] | None,
         _option(
             _METHODS,
-            "A method of your own, FILE.py:CLASS; may be repeated.",
+            "Your own method, as FILE.py:CLASS; may be repeated.",
             "--method",
             metavar="FILE:CLASS",
             show_default=False,
@@ -96,13 +96,14 @@ def evaluate(
     ] = None,
     stochastic: Annotated[
         bool,
-        _option(_METHODS, "Fly learned policies with sampled actions as well.", show_default=False),
+        _option(_METHODS, "Also fly learned policies with sampled actions.", show_default=False),
     ] = False,
     list_methods: Annotated[
-        bool, _option(_METHODS, "List all methods, and do nothing else.", "--list")
+        bool, _option(_METHODS, "List all methods and exit.", "--list")
     ] = False,
     planner_evaluations: Annotated[
-        int, _option(_METHODS, "Plans that the planner judges per topology.", min=31, metavar="N")
+        int,
+        _option(_METHODS, "Plans that the planner evaluates per topology.", min=31, metavar="N"),
     ] = 3000,
     flags: SettingFlags,
     episodes: Annotated[
@@ -115,18 +116,21 @@ def evaluate(
         str,
         _option(
             OUTPUT_PANEL,
-            "Tables to print: main, all, or names divided by commas.",
+            "Tables to print: main, all, or names separated by commas.",
             autocompletion=completion.metrics,
         ),
     ] = "main",
     out: Annotated[
         Path | None,
         _option(
-            OUTPUT_PANEL, "Directory to make (default: ./orchid-eval/TIME).", show_default=False
+            OUTPUT_PANEL,
+            "Directory for the results (default: ./orchid-eval/TIME).",
+            show_default=False,
         ),
     ] = None,
     runs_dir: Annotated[
-        Path, _option(OUTPUT_PANEL, "Where RUN is looked for.", envvar="ORCHID_RUNS_DIR")
+        Path,
+        _option(OUTPUT_PANEL, "Directory in which RUN is looked up.", envvar="ORCHID_RUNS_DIR"),
     ] = DEFAULT_RUNS_DIR,
     figures: Annotated[
         bool, _option(OUTPUT_PANEL, "Draw a figure per metric.", "--figures/--no-figures")
@@ -135,10 +139,11 @@ def evaluate(
     quiet: QuietOption = False,
     debug: DebugOption = False,
 ) -> None:
-    """Fly all methods over the same held-out topologies: tables, figures, a row per episode.
+    """Fly all methods over the same held-out topologies; write tables, figures, a row per episode.
 
-    The policies trained with 6 UAVs and 100 users fly every setting; lists are crossed. Ctrl-C
-    keeps what is done; the same command with the same --out goes on.
+    The released policies were trained with 6 UAVs and 100 users, and fly every setting. If several
+    options are lists, all combinations are flown. Ctrl-C stops and keeps the finished results; the
+    same command with the same --out continues.
 
     Example: orchid eval --uavs 4..10 --methods orchid,orchid-zero,loiter-mmf
     """
@@ -201,7 +206,7 @@ def evaluate(
             print_tables(shown, document.results, shown_metrics)
         if document.status == "interrupted":
             again = shlex.join([*command, *([] if out else ["--out", str(directory)])])
-            print_line(console(stderr=True), f"interrupted; this goes on: {again}")
+            print_line(console(stderr=True), f"interrupted; continue with: {again}")
             raise typer.Exit(INTERRUPTED)
         if figures:
             print_line(shown, f"figures: {directory / FIGURES_FOLDER / SHEET_FILE}")
@@ -211,7 +216,7 @@ def evaluate(
 
 
 def _next_command(settings: list["Setting"], given: list[str]) -> list[str]:
-    """The same with other numbers of UAVs; after such a study, seeds of training."""
+    """Suggest the same study with several numbers of UAVs; after that, one over training seeds."""
     if len(settings) > 1 or settings[0].users <= 10:
         return ["ablate", "--no-rf"]
     kept: list[str] = []
@@ -222,7 +227,7 @@ def _next_command(settings: list["Setting"], given: list[str]) -> list[str]:
         elif not argument.startswith(("--uavs=", "--out=")):
             kept.append(argument)
     if not any(argument.startswith("--methods") for argument in kept):
-        kept += ["--methods", "learned,loiter-mmf"]  # without the planner, which takes its time
+        kept += ["--methods", "learned,loiter-mmf"]  # without the planner, which is slow
     return [*kept, "--uavs", "4..10"]
 
 
@@ -241,7 +246,7 @@ def _list_methods(as_json: bool) -> None:
 
 
 def _settings(world: "RunConfig", flags: Mapping[str, str]) -> list["Setting"]:
-    """All combinations; what is not listed is as the configuration has it."""
+    """All combinations of the lists; other values are those of the configuration."""
     from orchid_uav.experiments.evaluation.flights import SETTING_FIELDS, Setting
 
     usual = flatten(world)
@@ -262,7 +267,7 @@ def _world(config: Path | None, assignments: list[str]) -> "RunConfig":
         if key in SETTING_KEYS:
             raise InputError(f"--set {key}: use {SETTING_KEYS[key]}, which takes lists")
         if key in METHOD_KEYS:
-            raise InputError(f"--set {key}: it belongs to the method, see --methods")
+            raise InputError(f"--set {key}: each method sets this itself; see --methods")
         if key.partition(".")[0] in LEARNING_SECTIONS:
             raise InputError(f"--set {key}: nothing is trained here, so it would have no effect")
     merged, sources = merge([*layers, given])
@@ -274,7 +279,7 @@ def _world(config: Path | None, assignments: list[str]) -> "RunConfig":
         and (key in METHOD_KEYS or key.partition(".")[0] in LEARNING_SECTIONS)
     ]
     if idle:
-        print_note(f"of {config} these have no effect here: {', '.join(idle)}")
+        print_note(f"these keys of {config} have no effect here: {', '.join(idle)}")
     return merged
 
 
@@ -319,12 +324,12 @@ def _announce(out: Console, plan: "Plan", flown: dict[Any, Any]) -> None:
     total = len(settings) * len(plan.contenders) * plan.episodes
     counts = [(len(settings), "setting"), (len(plan.contenders), "method")]
     product = " x ".join(f"{count:,} {what}{'' if count == 1 else 's'}" for count, what in counts)
-    before = f", {len(flown)} batches of them flown before" if flown else ""
+    before = f", {len(flown)} batches of them already flown" if flown else ""
     print_line(out, f"{product} x {plan.episodes:,} topologies = {total:,} flights{before}")
 
 
 def _tell_differences(plan: "Plan", world: "RunConfig") -> None:
-    """Notes on runs that were interrupted, or trained in another world."""
+    """Print notes on runs that were interrupted, or trained in another world."""
     from orchid_uav.experiments.evaluation.flights import world_differences
 
     told: set[str] = set()

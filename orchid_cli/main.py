@@ -23,7 +23,7 @@ app.command()(ablate)
 app.add_typer(config.app, name="config")
 app.add_typer(runs.app, name="runs")
 
-# The class of all of Typer's own complaints about a command line, which it does not export.
+# The base class of Typer's own command-line errors, which Typer does not export.
 _UsageError: type[Exception] = typer.BadParameter.__mro__[1]
 
 
@@ -52,7 +52,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Run the command and return its exit code."""
     with lasting_output() as output:
         show_on_stderr()
-        os.environ["MPLBACKEND"] = "Agg"  # one inherited from a notebook may not be there
+        os.environ["MPLBACKEND"] = "Agg"  # a backend inherited from a notebook may be missing
         code = _run(sys.argv[1:] if arguments is None else arguments)
         loss = output.loss()
         if loss is not None:
@@ -70,14 +70,14 @@ def _run(given: list[str]) -> int:
     except (KeyboardInterrupt, typer.Abort):
         print("interrupted", file=sys.stderr)
         return INTERRUPTED
-    except OSError as error:  # commands turn those of their files into other errors
+    except OSError as error:  # commands turn errors of their own files into other errors
         print_error(str(error))
         return FAILED
     return int(code)
 
 
 def _describe(error: Exception, given: list[str]) -> str:
-    """What Typer says, with the value that it leaves out."""
+    """Typer's message, with the value that it leaves out."""
     message: str = error.format_message()  # type: ignore[attr-defined]
     options = getattr(getattr(error, "param", None), "opts", [])
     for index, argument in enumerate(given):

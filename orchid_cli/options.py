@@ -1,4 +1,4 @@
-"""The options that make up a configuration: made from its fields, for all commands alike."""
+"""The options that set a configuration, made from its fields in the same way for all commands."""
 
 import inspect
 import re
@@ -29,12 +29,12 @@ from orchid_uav.experiments.configuration import (
 from orchid_uav.experiments.errors import InputError
 
 _DECISIONS = re.compile(r" \(M\d+(, M\d+)*\)")
-"""References to docs/model.md, which a terminal does not have."""
+"""References to docs/model.md, which are useless on a terminal."""
 VARIANTS_PANEL, SETTINGS_PANEL = "Variants, each compared with the base", "Settings"
 
 
 def option(panel: str, text: str, *names: str, **more: Any) -> Any:
-    """An option whose help says itself what the default is."""
+    """An option whose help text states its default itself."""
     return typer.Option(*names, help=text, rich_help_panel=panel, show_default=False, **more)
 
 
@@ -42,19 +42,23 @@ PresetOption = Annotated[
     str,
     option(
         "Configuration",
-        f"Built-in configuration to begin with: {', '.join(PRESETS)} (default: paper).",
+        f"Built-in configuration to start from: {', '.join(PRESETS)} (default: paper).",
         autocompletion=completion.presets,
     ),
 ]
 ConfigOption = Annotated[
     Path | None,
-    option("Configuration", "TOML or JSON file or pipe, applied over the preset.", "--config"),
+    option(
+        "Configuration",
+        "TOML or JSON file, or a pipe; its values replace the preset's.",
+        "--config",
+    ),
 ]
 SetOption = Annotated[
     list[str] | None,
     option(
         "Configuration",
-        "section.key=value, over the file; may be repeated; lists as 1,2,3.",
+        "section.key=value: replaces the file's value; may be repeated; lists as 1,2,3.",
         "--set",
         autocompletion=completion.assignments,
     ),
@@ -63,15 +67,15 @@ SetOption = Annotated[
 
 @dataclass(frozen=True)
 class _Flags:
-    """An option for each of some keys, as a parameter of a command: see :func:`with_flags`."""
+    """One option for each of some keys, given to a command by :func:`with_flags`."""
 
     keys: tuple[str, ...]
     are_lists: bool = False
     panel: str = ""
-    """The options' panel; by default that of a key's section."""
+    """The panel of the options; by default the panel of each key's section."""
 
     def parameters(self) -> list[inspect.Parameter]:
-        """The options, as a command would declare them."""
+        """The options as parameters that a command could declare."""
         return [self._parameter(key) for key in self.keys]
 
     def _parameter(self, key: str) -> inspect.Parameter:
@@ -93,7 +97,7 @@ class _Flags:
         )
 
     def taken_from(self, given: dict[str, Any]) -> dict[str, Any]:
-        """Take the options out of a command's parameters: what was given, by its key."""
+        """Remove the options from a command's parameters, and return the given values by key."""
         taken = {key: given.pop(_parameter_name(key)) for key in self.keys}
         return {
             key: not field_of(key).default if value is True else value
@@ -107,7 +111,7 @@ def _parameter_name(key: str) -> str:
 
 
 def _help(key: str, are_lists: bool) -> str:
-    """What a field's docstring says, its unit, choices and default."""
+    """The help text of an option: the field's docstring, unit, choices and default."""
     field, flag = field_of(key), FLAGS[key]
     if flag.help:
         return flag.help
@@ -124,7 +128,7 @@ def _help(key: str, are_lists: bool) -> str:
 RunFlags = Annotated[
     dict[str, Any], _Flags(tuple(key for key, flag in FLAGS.items() if flag.is_of_runs))
 ]
-"""One value of every key that a run can be given by a flag."""
+"""One value for every key of a run that has a flag."""
 BaseFlags = Annotated[
     dict[str, Any],
     _Flags(
@@ -135,7 +139,7 @@ BaseFlags = Annotated[
         )
     ),
 ]
-"""The same for the base of an ablation, which has seeds and variants of its own."""
+"""The same for the base of an ablation, without the keys of its seeds and variants."""
 VariantFlags = Annotated[
     dict[str, Any],
     _Flags(
@@ -149,7 +153,7 @@ VariantFlags = Annotated[
         panel=VARIANTS_PANEL,
     ),
 ]
-"""Lists of what methods differ in."""
+"""Lists of values for the keys in which methods differ."""
 SettingFlags = Annotated[
     dict[str, Any],
     _Flags(
@@ -158,13 +162,13 @@ SettingFlags = Annotated[
         panel=SETTINGS_PANEL,
     ),
 ]
-"""Lists of what worlds differ in."""
+"""Lists of values for the keys in which worlds differ."""
 
 
 def with_flags(command: Callable[..., None]) -> Callable[..., None]:
-    """Give a command the options of those parameters that are annotated with one of the above.
+    """Add options to a command, for its parameters annotated with one of the types above.
 
-    Such a parameter gets what was given, by ``"section.key"``; a list is given as text.
+    Such a parameter receives the given values by ``"section.key"``; a list arrives as text.
     """
     hints = get_type_hints(command, include_extras=True)
     parameters: list[inspect.Parameter] = []
@@ -184,14 +188,14 @@ def with_flags(command: Callable[..., None]) -> Callable[..., None]:
             given[name] = group.taken_from(given)
         command(**given)
 
-    # What typer makes a command from.
+    # Typer makes the command from this signature.
     called.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     called.__annotations__ = {one.name: one.annotation for one in parameters}
     return called
 
 
 def text_of(value: Any) -> str:
-    """A value as ``--set`` takes it."""
+    """A value in the form that ``--set`` accepts."""
     if value is None:
         return "none"
     if isinstance(value, bool):
@@ -204,10 +208,10 @@ def text_of(value: Any) -> str:
 
 
 def listed(key: str, text: str) -> list[Any]:
-    """The values of a list that was given by the flag of a key.
+    """The values of the list that the flag of ``key`` was given.
 
     Raises:
-        InputError: not numbers where these are wanted, or none of the words that there are.
+        InputError: a value is not a number where numbers are wanted, or not one of the choices.
     """
     field, option_name = field_of(key), f"--{FLAGS[key].name}"
     if type_of(field) is int:
@@ -229,10 +233,10 @@ def configuration(
     flags: Mapping[str, Any],
     set_option: str = "--set",
 ) -> tuple[RunConfig, dict[str, str]]:
-    """Preset < file < assignments < flags, and each value's source by its key."""
+    """Merge preset < file < assignments < flags, and also return the source of every key."""
     layers = [preset_layer(preset)]
     if config is not None:
-        # typer before 0.29 leaves it a str
+        # before version 0.29 Typer leaves it a str
         layers.append(file_layer(Path(config), print_note))
     layers.append(assignment_layer(assignments or [], set_option))
     layers += [_layer_of(f"--{FLAGS[key].name}", key, value) for key, value in flags.items()]

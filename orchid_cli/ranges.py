@@ -1,4 +1,4 @@
-"""Lists of numbers as people write them: ``4..10``, ``50..200:50``, ``4,6,8``, and mixes."""
+"""Parse lists of numbers such as ``4..10``, ``50..200:50``, ``4,6,8``, and mixtures of these."""
 
 import re
 from decimal import Decimal
@@ -13,17 +13,17 @@ _FORM = "like 6, 4,6,8, 4..10 or 50..200:50"
 
 
 def parse_numbers(text: str, what: str) -> list[float]:
-    """The numbers of a range, both ends included, each once and in the order given.
+    """The numbers of a list, each once and in the order given; ranges include both ends.
 
-    Steps are decimal, so 0..0.3:0.1 is 0, 0.1, 0.2, 0.3; a step that does not meet the end stops
-    before it.
+    Steps are decimal, so 0..0.3:0.1 is 0, 0.1, 0.2, 0.3. If the steps do not meet the end, the last
+    number is the one before it.
 
     Args:
-        text: parts divided by commas: a number, FIRST..LAST, or FIRST..LAST:STEP.
-        what: the option, for messages.
+        text: parts separated by commas: a number, FIRST..LAST, or FIRST..LAST:STEP.
+        what: the option's name, for messages.
 
     Raises:
-        InputError: not of that form, empty, or more than 10,000 values.
+        InputError: the text is not of that form, is empty, or has more than 10,000 values.
     """
     values: dict[float, None] = {}
     for part in text.split(","):
@@ -40,7 +40,7 @@ def parse_counts(text: str, what: str, least: int = 1) -> list[int]:
     for value in values:
         if value != int(value) or value < least:
             raise InputError(
-                f"{what} {text} contains {value:g}, which is no whole number of {least} or more"
+                f"{what} {text} contains {value:g}, which is not a whole number of {least} or more"
             )
     return [int(value) for value in values]
 
@@ -55,9 +55,11 @@ def _parse_part(part: str, what: str) -> list[Decimal]:
         return [first]
     last, step = _number(last_text, part, what), _number(step_text or "1", part, what)
     if step <= 0:
-        raise InputError(f"{what} {part} has the step {step_text}: it is above 0")
+        raise InputError(f"{what} {part} has the step {step_text}: it must be above 0")
     if step < _LEAST_STEP:
-        raise InputError(f"{what} {part} has the step {step_text}: it is at least {_LEAST_STEP}")
+        raise InputError(
+            f"{what} {part} has the step {step_text}: it must be at least {_LEAST_STEP}"
+        )
     if last < first:
         raise InputError(f"{what} {part} is empty: write the smaller number first")
     count = int((last - first) / step) + 1
@@ -71,6 +73,6 @@ def _number(text: str, part: str, what: str) -> Decimal:
         number = Decimal(text)
         if abs(number) <= _GREATEST:
             return number
-    except ArithmeticError:  # an exponent beyond those of decimals
+    except ArithmeticError:  # the exponent is beyond the limits of Decimal
         pass
-    raise InputError(f"{what} {part} is beyond any number that can be meant here")
+    raise InputError(f"{what} {part} is too large or too small a number")

@@ -1,4 +1,4 @@
-"""``orchid runs``: what has been run, without a database."""
+"""``orchid runs``: past training runs, read from their directories without a database."""
 
 import json
 import sys
@@ -51,13 +51,15 @@ RunsArgument = Annotated[
 RunsDirOption = Annotated[
     Path,
     typer.Option(
-        envvar="ORCHID_RUNS_DIR", help="Where run directories are.", rich_help_panel=_SELECTION
+        envvar="ORCHID_RUNS_DIR",
+        help="Directory that contains the runs.",
+        rich_help_panel=_SELECTION,
     ),
 ]
 MetricOption = Annotated[
     str | None,
     typer.Option(
-        help="Columns of episodes.csv, divided by commas (default: reward; in a figure, six).",
+        help="Columns of episodes.csv, separated by commas (default: reward; in a figure, six).",
         autocompletion=completion.training_metrics,
         rich_help_panel=_CURVES,
         show_default=False,
@@ -65,14 +67,14 @@ MetricOption = Annotated[
 ]
 SmoothOption = Annotated[
     int,
-    typer.Option(min=1, help="Episodes of the trailing mean.", rich_help_panel=_CURVES),
+    typer.Option(min=1, help="Episodes that the trailing mean covers.", rich_help_panel=_CURVES),
 ]
 FigureOption = Annotated[
     Path | None,
     typer.Option(
         "--out",
         metavar="FILE",
-        help="Draw the learning curves there as well: .png, .svg or .pdf.",
+        help="Also draw the learning curves to this file: .png, .svg or .pdf.",
         rich_help_panel=OUTPUT_PANEL,
         show_default=False,
     ),
@@ -81,7 +83,7 @@ FigureOption = Annotated[
 
 @app.callback(invoke_without_command=True)
 def _commands(context: typer.Context) -> None:
-    """List, look at, compare, delete, export and import training runs."""
+    """List, show, compare, delete, export and import training runs."""
     if context.invoked_subcommand is None:
         print(context.get_help())
 
@@ -93,7 +95,7 @@ def list_runs(
         typer.Option(
             metavar="KEY OP VALUE",
             autocompletion=completion.run_keys,
-            help="Only runs with that; OP is = != < <= > >= or ~ (contains). May be repeated.",
+            help="Only runs that fit; OP is = != < <= > >= or ~ (contains). May be repeated.",
             rich_help_panel=_SELECTION,
             show_default=False,
         ),
@@ -103,7 +105,7 @@ def list_runs(
         typer.Option(
             metavar="[-]KEY,...",
             autocompletion=completion.sort_keys,
-            help="Order; with - the greatest first (default: latest first).",
+            help="Keys to sort by; - puts the greatest first (default: latest first).",
             rich_help_panel=_SELECTION,
             show_default=False,
         ),
@@ -112,7 +114,7 @@ def list_runs(
         int | None,
         typer.Option(
             min=0,
-            help=f"Runs at most, 0 for all (default: {SHOWN_ON_TERMINAL} on a terminal, else all).",
+            help=f"Most runs to list, 0 for all (default: {SHOWN_ON_TERMINAL} on a terminal).",
             rich_help_panel=_SELECTION,
             show_default=False,
         ),
@@ -123,7 +125,7 @@ def list_runs(
         typer.Option(
             metavar="KEY,...",
             autocompletion=completion.run_keys,
-            help="Columns of the table behind the id.",
+            help="Columns of the table after the id.",
             rich_help_panel=OUTPUT_PANEL,
             show_default=False,
         ),
@@ -133,9 +135,10 @@ def list_runs(
 ) -> None:
     """List runs: their state, and the means of their last 50 episodes.
 
-    A KEY is any key of the configuration (reset.kappa, or kappa alone), a column of episodes.csv
-    (rate_jfi, in the unit of its name), or of the record: id, name, status, started, seconds,
-    episodes, resets, host.name, versions.torch ... A run whose process is gone is shown as 'died'.
+    A KEY is a key of the configuration (reset.kappa, or kappa alone), a column of episodes.csv
+    (rate_jfi, in the unit of its name), or an entry of the record: id, name, status, started,
+    seconds, episodes, resets, host.name, versions.torch ... A run whose process is gone is shown as
+    'died'.
 
     Example: orchid runs list --where 'rate_jfi>0.7' --sort -rate_jfi
     """
@@ -165,11 +168,11 @@ def list_runs(
             print_next_on_terminal("train")
             return
         if not chosen:
-            print_note(f"none of {len(index.runs)} runs fits")
+            print_note(f"none of the {len(index.runs)} runs fits")
             for condition in conditions:
                 if not select(index.runs, keys, [condition]):
                     found = found_values(index.runs, condition.key)
-                    print_note(f"none has {condition.text}: {condition.key} is {found}")
+                    print_note(f"no run has {condition.text}: {condition.key} is {found}")
             return
         print_runs(out, shown, wanted or columns_that_fit(out, shown))
         if wanted is None:
@@ -191,7 +194,7 @@ def show(
     as_json: JsonOption = False,
     debug: DebugOption = False,
 ) -> None:
-    """Show all that is known of a run, and its learning curve.
+    """Show everything that is known about a run, and its learning curve.
 
     Example: orchid runs show 20261122T2112 --metric rate_jfi --out curve.png
     """
@@ -259,14 +262,14 @@ def delete(
     runs: RunsArgument,
     runs_dir: RunsDirOption = Path("runs"),
     yes: Annotated[
-        bool, typer.Option("--yes", help="Do not ask.", rich_help_panel=_SELECTION)
+        bool, typer.Option("--yes", help="Delete without asking.", rich_help_panel=_SELECTION)
     ] = False,
     as_json: JsonOption = False,
     debug: DebugOption = False,
 ) -> None:
-    """Delete run directories, after asking.
+    """Delete run directories after asking for confirmation.
 
-    Links are removed and never followed, and a run that is running is left alone.
+    Links are removed and never followed, and runs that are still running are not deleted.
 
     Example: orchid runs delete 20261122T2112
     """
@@ -277,7 +280,9 @@ def delete(
         removals = plan_removal(runs, expanded(runs_dir))
         if not yes:
             if not sys.stdin.isatty():
-                raise InputError("there is no terminal to ask on: give --yes to delete unasked")
+                raise InputError(
+                    "there is no terminal on which to ask: give --yes to delete without asking"
+                )
             print_removals(console(stderr=True), removals)
             if not _is_confirmed("Delete?"):
                 print_note("nothing was deleted")
@@ -298,7 +303,7 @@ def export(
         typer.Option(
             "--out",
             metavar="FILE",
-            help="The zip (default, of one run: <id>.zip here).",
+            help="The zip to write (default for one run: ./<id>.zip).",
             rich_help_panel=OUTPUT_PANEL,
             show_default=False,
         ),
@@ -307,13 +312,13 @@ def export(
         bool,
         typer.Option(
             "--checkpoints",
-            help="With them, so that the run can be resumed elsewhere.",
+            help="Include checkpoints, so that the run can be resumed elsewhere.",
             rich_help_panel=OUTPUT_PANEL,
         ),
     ] = False,
     force: Annotated[
         bool,
-        typer.Option("--force", help="Replace a file there.", rich_help_panel=OUTPUT_PANEL),
+        typer.Option("--force", help="Replace the zip if it exists.", rich_help_panel=OUTPUT_PANEL),
     ] = False,
     as_json: JsonOption = False,
     debug: DebugOption = False,
@@ -332,24 +337,26 @@ def export(
         target = Path(f"{paths[0].resolve().name}.zip") if out_file is None else expanded(out_file)
         exported = export_runs(paths, target, checkpoints, force)
         for name in exported.left_out:
-            print_note(f"left out, since it is no file of a run: {name}")
+            print_note(f"left out, since it is not a file of a run: {name}")
         if as_json:
             _print_json(runs=exported.runs, file=str(target), bytes=exported.size)
             return
         out = console()
         count = f"{len(exported.runs)} run" + "s" * (len(exported.runs) > 1)
         print_line(out, f"{target}: {count}, {exported.size / 1e6:.1f} MB")
-        print_line(out, f"there: orchid runs import {target.name}")
+        print_line(out, f"on the other machine: orchid runs import {target.name}")
 
 
 @app.command("import")
 def import_archive(
-    archive: Annotated[Path, typer.Argument(metavar="FILE", help="A zip that was exported.")],
+    archive: Annotated[
+        Path, typer.Argument(metavar="FILE", help="A zip written by orchid runs export.")
+    ],
     runs_dir: RunsDirOption = Path("runs"),
     as_json: JsonOption = False,
     debug: DebugOption = False,
 ) -> None:
-    """Unpack exported runs, checking everything before they appear.
+    """Unpack exported runs, after checking everything in the zip.
 
     Example: orchid runs import from-a-colleague.zip
     """
@@ -370,12 +377,12 @@ def _tell_columns_left_out(fitting: list[str]) -> None:
     left_out = [key.rpartition(".")[2] for key in LIST_COLUMNS if key not in fitting]
     if left_out:
         print_note(
-            f"no room for {', '.join(left_out)}: a wider terminal shows them, --columns chooses"
+            f"no room for {', '.join(left_out)}: use a wider terminal, or choose with --columns"
         )
 
 
 def _suggest_flying(runs: "list[Run]") -> None:
-    """Where all of them have a policy."""
+    """Suggest evaluating the runs, if all of them have a policy."""
     if all(run.status in ("completed", "interrupted") for run in runs):
         print_next_on_terminal("eval", *(run_argument(run.path) for run in runs))
 
@@ -393,7 +400,7 @@ def _read(names: list[str], runs_dir: Path) -> "list[Run]":
 
 
 def _is_confirmed(question: str) -> bool:
-    """Asked on stderr, since stdout may be read by a program."""
+    """Ask on stderr, since a program may read stdout."""
     print(f"{question} [y/N] ", end="", file=sys.stderr, flush=True)
     answer = sys.stdin.readline()
     if not answer:
@@ -436,7 +443,7 @@ def _tell_damaged(damaged: dict[str, str]) -> None:
     for name, reason in list(damaged.items())[:3]:
         print_note(f"left out, {name}: {reason}")
     if len(damaged) > 3:
-        print_note(f"left out as well: {', '.join(list(damaged)[3:])}")
+        print_note(f"also left out: {', '.join(list(damaged)[3:])}")
 
 
 def _print_json(**document: Any) -> None:

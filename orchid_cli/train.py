@@ -61,7 +61,7 @@ _OF_NEW_RUNS = {
     "--set": "assignments",
     "--name": "name",
 }
-"""Options that make up a new run besides its flags, and the parameters that hold them."""
+"""Further options that only a new run can take, and the parameters that hold them."""
 
 
 @with_flags
@@ -73,13 +73,16 @@ def train(
     assignments: SetOption = None,
     flags: RunFlags,
     name: Annotated[
-        str, typer.Option(help="Part of the run's id.", rich_help_panel=OUTPUT_PANEL)
+        str,
+        typer.Option(
+            help="Name of the run, which becomes part of its id.", rich_help_panel=OUTPUT_PANEL
+        ),
     ] = "orchid",
     runs_dir: Annotated[
         Path,
         typer.Option(
             envvar="ORCHID_RUNS_DIR",
-            help="Where run directories are made.",
+            help="Directory in which the run's directory is made.",
             rich_help_panel=OUTPUT_PANEL,
         ),
     ] = DEFAULT_RUNS_DIR,
@@ -88,7 +91,7 @@ def train(
         typer.Option(
             metavar="RUN",
             autocompletion=completion.runs,
-            help="Go on with a run that stopped or died; with more --episodes, extend it.",
+            help="Continue a run that stopped or died; with more --episodes, extend it.",
             rich_help_panel=OUTPUT_PANEL,
             show_default=False,
         ),
@@ -96,7 +99,7 @@ def train(
     track: Annotated[
         list[str] | None,
         typer.Option(
-            help="Export metrics as well to: tensorboard (always on), mlflow, trackio.",
+            help="Also export metrics to: tensorboard (always on), mlflow, trackio.",
             autocompletion=completion.trackers,
             rich_help_panel=OUTPUT_PANEL,
             show_default=False,
@@ -106,10 +109,10 @@ def train(
     quiet: QuietOption = False,
     debug: DebugOption = False,
 ) -> None:
-    """Train one run: by default the paper's, 700 episodes of 200 slots with 6 UAVs.
+    """Train one run; by default the paper's, 700 episodes of 200 slots with 6 UAVs.
 
-    Ctrl-C ends it after the update that follows; --resume goes on, and the run becomes the one that
-    it would have been, bit for bit.
+    Ctrl-C stops the run after the next update. --resume continues it; the result is bit for bit the
+    same as without the interruption.
 
     Example: orchid train --uavs 8 --objective pf --no-rf --seed 3 --name pf-8
     """
@@ -123,7 +126,7 @@ def train(
                 print_note(spare_uavs)
         else:
             path, merged = _continuation(context, flags, find_run(resume, expanded(runs_dir)))
-        # torch and SB3 take seconds to import: not before the input is known to be right.
+        # torch and SB3 take seconds to import, so the input is checked first.
         from orchid_uav.cli.progress.training import training_reporter
         from orchid_uav.experiments.interruption import interruption_requests
         from orchid_uav.experiments.runs.directory import RunDirectory
@@ -163,8 +166,9 @@ def train(
 def _note_idle_flags(config: RunConfig, flags: Mapping[str, Any]) -> None:
     if config.reset.enabled and 2 * config.reset.window >= config.training.episodes:
         print_note(
-            f"Reset-and-Finetune cannot help here: it needs two windows of {config.reset.window} "
-            f"episodes, and more to learn from after them; there are {config.training.episodes}"
+            f"Reset-and-Finetune cannot help here: it needs more than two windows of "
+            f"{config.reset.window} episodes, to learn after them; there are "
+            f"{config.training.episodes}"
         )
     if "reset.kappa" in flags and not config.reset.enabled:
         print_note("--kappa has no effect: Reset-and-Finetune is off")
@@ -173,7 +177,7 @@ def _note_idle_flags(config: RunConfig, flags: Mapping[str, Any]) -> None:
 def _continuation(
     context: typer.Context, flags: Mapping[str, Any], path: Path
 ) -> tuple[Path, RunConfig]:
-    """The run that is to go on, and its configuration, with more episodes perhaps."""
+    """The run to continue, and its configuration, extended if more episodes are asked for."""
     given = [
         option
         for option, parameter in _OF_NEW_RUNS.items()
@@ -182,7 +186,7 @@ def _continuation(
     given += [f"--{FLAGS[key].name}" for key in flags if key != "training.episodes"]
     if given:
         raise InputError(
-            f"--resume goes on with the run's own configuration, so {', '.join(given)} cannot be "
+            f"--resume uses the run's own configuration, so {', '.join(given)} cannot be "
             f"given; --episodes can"
         )
     record = read_record(path)
@@ -195,20 +199,20 @@ def _continuation(
         raise InputError(f"--episodes {episodes} is fewer than the {planned} that were planned")
     if status == "completed" and episodes in (None, planned):
         raise InputError(
-            f"run {name_of(path)} is complete: with --episodes above {planned} it is extended"
+            f"run {name_of(path)} is complete; to extend it, give --episodes above {planned}"
         )
     if status == "completed" and not has_checkpoint(path):
         raise InputError(
-            f"run {name_of(path)} is complete and has no checkpoint to go on from: "
+            f"run {name_of(path)} is complete and has no checkpoint to continue from: "
             f"train a new one with --episodes {episodes}"
         )
     if episodes is not None and episodes > planned:
         extended = config.extended_to(episodes)
         print_note(
             f"extended from {planned} to {episodes} episodes: reward weights, entropy coefficient "
-            f"and any decay of the rates stay as they are from episode "
-            f"{extended.training.schedule_episodes} on, so that this is not the run that "
-            f"{episodes} episodes from the beginning would have been"
+            f"and any decay of the learning rates stay constant from episode "
+            f"{extended.training.schedule_episodes} on, so the result differs from that of a run "
+            f"planned with {episodes} episodes"
         )
         config = extended
     _note_other_versions(record)
@@ -219,7 +223,7 @@ def _note_new_id(run: "RunDirectory") -> None:
     if run.renamed_from is not None:
         print_note(
             f"this is a copy of run {run.renamed_from}, or it was renamed: from now on its id is "
-            f"{run.id}, as its directory is called"
+            f"{run.id}, the name of its directory"
         )
 
 
@@ -235,13 +239,13 @@ def _note_other_versions(record: RunRecord) -> None:
 
 
 def _continuation_text(path: Path) -> str:
-    return f"this goes on: {shlex.join(resume_command(path))}"
+    return f"continue with: {shlex.join(resume_command(path))}"
 
 
 def _after_failure(path: Path, error: RunFailedError) -> str:
     if isinstance(error.__cause__, ArithmeticError):
-        return "it would fail again in the same way: begin a new run with lower learning rates"
-    return f"once that is mended, {_continuation_text(path)}"
+        return "it would fail again in the same way: start a new run with lower learning rates"
+    return f"once the cause is fixed, {_continuation_text(path)}"
 
 
 def _print_continuation(path: Path) -> None:

@@ -1,4 +1,4 @@
-"""What the displays of training, evaluations and jobs have in common."""
+"""What the progress displays of training, evaluations and jobs share."""
 
 import time
 
@@ -9,10 +9,10 @@ SECONDS_BETWEEN_LINES = 5.0
 
 
 class Pace:
-    """Says when a log is due another line.
+    """Decides when a log should get its next line.
 
     Args:
-        at_once: the first line need not wait.
+        at_once: whether the first line is due immediately.
     """
 
     def __init__(self, at_once: bool = False) -> None:
@@ -25,7 +25,7 @@ class Pace:
         return time.monotonic() - self._began_s
 
     def is_due(self) -> bool:
-        """Whether a line is due; if so, the next one is some seconds later."""
+        """Whether a line is due now; if so, the next one is due some seconds later."""
         now_s = time.monotonic()
         if now_s < self._next_s:
             return False
@@ -39,13 +39,13 @@ def bars(
     before: tuple[ProgressColumn, ...] = (),
     **options: object,
 ) -> Progress:
-    """Bars as wide as the terminal, with the share that is done and the time it took.
+    """Bars as wide as the terminal, with the share done and the time taken.
 
     Args:
-        out: where they are drawn.
-        behind: columns to the right of these.
+        out: the console to draw on.
+        behind: further columns on the right.
         before: columns to the left of the bar.
-        options: of Rich's ``Progress``.
+        options: arguments for Rich's ``Progress``.
     """
     return Progress(
         *before,

@@ -1,4 +1,4 @@
-"""How far an evaluation is, on terminals and in logs."""
+"""The progress of an evaluation, on terminals and in logs."""
 
 from rich.console import Console
 from rich.progress import TextColumn, TimeRemainingColumn
@@ -22,7 +22,7 @@ def evaluation_progress(out: Console, quiet: bool) -> FlightProgress:
 def _describe(flight: Flight) -> str:
     setting, described = flight.setting, describe(flight)
     run = described["run"]
-    if run is not None:  # in a line with a bar there is room for no more
+    if run is not None:  # beside a bar there is no room for more
         described["method"] = described["method"].replace(run, short_ids([run])[run], 1)
     label = label_of(described["method"], described["deterministic"])
     return (
@@ -32,7 +32,7 @@ def _describe(flight: Flight) -> str:
 
 
 class _Display(FlightProgress):
-    """What both displays have in common."""
+    """What both displays share."""
 
     def __init__(self, out: Console) -> None:
         self._out = out
@@ -57,7 +57,7 @@ class LineProgress(_Display):
     def advance(self, cost: float) -> None:
         """Print a line if one is due."""
         self._done += cost
-        # Compilation tells nothing of the rest.
+        # The first flight includes compilation, so it does not predict the rest.
         if self._pace.is_due() and self._done >= _LEAST_FRACTION * self._total:
             left_s = self._pace.elapsed_s * (self._total - self._done) / self._done
             fraction_done = self._done / self._total

@@ -1,4 +1,4 @@
-"""How far jobs are, on terminals and in logs."""
+"""The progress of jobs, on terminals and in logs."""
 
 from collections.abc import Sequence
 from datetime import timedelta
@@ -27,7 +27,7 @@ def duration_text(seconds: float) -> str:
 
 
 class _Display(JobProgress):
-    """What both displays say alike; on a terminal it stands above the bars."""
+    """What both displays print; on a terminal it appears above the bars."""
 
     def __init__(self, out: Console) -> None:
         self._out = out
@@ -39,13 +39,13 @@ class _Display(JobProgress):
     def restarted(self, job: Job, error: str) -> None:
         """Print that a job is run once more, and why."""
         print_line(
-            self._out, f"{job.name}: {error}; it is run once more and goes on where it stopped"
+            self._out, f"{job.name}: {error}; it is run once more and continues where it stopped"
         )
 
     def stopping(self, running: int) -> None:
         """Print that a stop was asked for, and what it waits for."""
         jobs = "1 job saves what it has" if running == 1 else f"{running} jobs save what they have"
-        what = f": {jobs}; once more stops at once" if running else ""
+        what = f": {jobs}; Ctrl-C once more stops at once" if running else ""
         print_line(self._out, f"stopping{what}")
 
 
@@ -55,10 +55,10 @@ def _end_text(end: JobEnd) -> str:
 
 
 class LineJobProgress(_Display):
-    """A line every few seconds and one for every end, for logs."""
+    """For logs: a line every few seconds, and one for every job that ends."""
 
     def begin(self, jobs: Sequence[Job], processes: int) -> None:
-        """Say how many jobs there are."""
+        """Print how many jobs there are."""
         super().begin(jobs, processes)
         self._ended = 0
         self._pace = Pace()
@@ -83,7 +83,7 @@ class LineJobProgress(_Display):
 
 
 class LiveJobProgress(_Display):
-    """A bar for all jobs over one for each that is running, for terminals."""
+    """For terminals: a bar for all jobs, and below it one for each running job."""
 
     def __init__(self, out: Console) -> None:
         super().__init__(out)
@@ -118,7 +118,7 @@ class LiveJobProgress(_Display):
             self._progress.update(self._rows[job.name], completed=fraction_done)
 
     def ended(self, end: JobEnd) -> None:
-        """Close its bar, and say what went wrong if something did."""
+        """Close the job's bar, and print what went wrong if it failed."""
         row = self._rows.pop(end.job.name, None)
         if row is not None:
             self._progress.remove_task(row)

@@ -1,4 +1,4 @@
-"""How a training run looks while it goes on."""
+"""The progress of a training run."""
 
 from collections.abc import Sequence
 
@@ -34,7 +34,7 @@ def metric_texts(metrics: Row) -> dict[str, str]:
 
 
 class _Display(Reporter):
-    """What both displays know of the run."""
+    """What both displays know about the run."""
 
     def __init__(self, out: Console) -> None:
         self._out = out
@@ -51,7 +51,7 @@ class _Display(Reporter):
         self._rows, self._resets = list(rows), list(reset_episodes)
         self._rows_before = len(rows)
         self._pace = Pace(at_once=True)
-        behind = f", going on behind episode {len(rows)}" if rows else ""
+        behind = f", continuing after episode {len(rows)}" if rows else ""
         print_line(self._out, f"run {self._name(run)}{behind}")
 
     def _name(self, run: RunDirectory) -> str:
@@ -68,7 +68,7 @@ class _Display(Reporter):
         return len(self._rows) - self._rows_before
 
     def _steps_per_s(self) -> float:
-        """Slots flown per second, those of all worlds together."""
+        """Slots flown per second, summed over all worlds."""
         slots = self._new_rows * self._config.network.episode_slots
         return slots / max(self._pace.elapsed_s, 1e-9)
 

@@ -1,1 +1,1 @@
-"""What is shown when a command has its results."""
+"""How the commands print their results."""

@@ -1,4 +1,4 @@
-"""What an ablation says, for terminals: the effects first."""
+"""The results of an ablation for terminals, effects first."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from statistics import fmean
@@ -19,7 +19,7 @@ KINDS = {
     "sampled": "held-out topologies, sampled actions",
     "training": f"last training episodes, at most {FINAL_EPISODES}",
 }
-"""Families of comparisons, and what they are of."""
+"""Families of comparisons, and what each compares."""
 _COLUMNS = (
     "variant",
     "metric",
@@ -33,13 +33,13 @@ _COLUMNS = (
     "seeds",
 )
 _EFFECT = slice(1, 7)
-"""Columns of a variant's own table on a terminal; the others are told above it or in another."""
+"""Columns of a variant's own table on a terminal; the rest is shown above it or elsewhere."""
 _ROOM = 105
-"""Columns of a terminal that such a table takes without breaking its cells."""
+"""Terminal width that such a table needs without breaking its cells."""
 
 
 def print_ablation(out: Console, document: AblationResult) -> None:
-    """The effects, then what they are differences of, then when the trigger would have fired."""
+    """Print the effects, then the values compared, then when the trigger would have fired."""
     for kind, title in KINDS.items():
         print_line(out, "")
         print_text(out, f"{title}: variant - base, paired by seed")
@@ -59,7 +59,7 @@ def print_ablation(out: Console, document: AblationResult) -> None:
 
 
 def _print_comparisons(out: Console, rows: Sequence[Sequence[str]]) -> None:
-    """One table for programs; for people a table for each variant, of what fits."""
+    """Print one table for programs, or for people one table per variant with what fits."""
     if not out.is_terminal:
         print_table(out, _COLUMNS, rows)
         return
@@ -75,9 +75,9 @@ def _print_comparisons(out: Console, rows: Sequence[Sequence[str]]) -> None:
 
 
 def reached_rows(document: AblationResult) -> Iterator[list[str]]:
-    """What the differences are of: policies, twins that do nothing or only make noise, and rules.
+    """The values compared: policies, twins that do nothing or only make noise, and rules.
 
-    Twins that do the same as the base's are left out.
+    Twins that do the same as those of the base are left out.
     """
     values, seeds = document.values, document.settings.seeds
     means = {
@@ -116,7 +116,7 @@ def _text(metric: str, value: float | None) -> str:
 
 
 def comparison_rows(document: AblationResult, kind: str) -> list[list[str]]:
-    """A row for every variant and metric of a family."""
+    """One row for every variant and metric of a family."""
     values = document.values[kind]
     return [
         [name, METRICS[metric].heading, *_cells(metric, found, values[BASE], values[name])]
@@ -147,7 +147,7 @@ def _cells(
 
 
 def signed(metric: str, value: float | None) -> str:
-    """A difference as it is shown, with one digit more than the metric itself."""
+    """A difference as text, with one digit more than the metric itself."""
     if value is None:
         return "-"
     described = METRICS[metric]
@@ -164,7 +164,7 @@ def _plain(value: float | None, digits: int) -> str:
 
 
 def trigger_table(table: Sequence[TriggerReplay]) -> tuple[list[str], list[list[str]]]:
-    """Heads and rows: windows by tolerances."""
+    """Headings and rows of a table with windows as rows and tolerances as columns."""
     tolerances = list(dict.fromkeys(row.tolerance for row in table))
     rows = []
     for window in dict.fromkeys(row.window for row in table):

@@ -1,4 +1,4 @@
-"""Tables of an evaluation: mean ± standard deviation, the best marked with a star."""
+"""Tables of an evaluation: mean ± standard deviation, with the best marked by a star."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -22,8 +22,8 @@ _DIMENSIONS = {
 
 
 def print_tables(out: Console, results: Sequence[Result], metrics: Sequence[str]) -> None:
-    """Methods by metrics where there is one setting, else methods by settings for each metric."""
-    if out.is_terminal:  # elsewhere a program may look for the ids
+    """Print methods by metrics for a single setting, else methods by settings for each metric."""
+    if out.is_terminal:  # elsewhere a program may search for the ids
         results = _with_short_names(results)
     settings = list(dict.fromkeys(_setting(result) for result in results))
     methods = list(dict.fromkeys(result.label for result in results))
@@ -53,7 +53,7 @@ def print_tables(out: Console, results: Sequence[Result], metrics: Sequence[str]
 
 
 def _with_short_names(results: Sequence[Result]) -> list[Result]:
-    """Runs are methods by their ids: by the shortest part that tells them apart."""
+    """Name each run by the shortest part of its id that tells it from the others."""
     named = [run for result in results if (run := result.run or "") and run in result.method]
     short = short_ids(list(dict.fromkeys(named)))
 
@@ -74,7 +74,7 @@ def _print(
 
 
 def _column(results: Sequence[Result | None], metric: str) -> list[str]:
-    """Texts of one metric in one setting; what is best at the shown digits is marked."""
+    """Texts of one metric in one setting; the best value at the digits shown is marked."""
     described = METRICS[metric]
     means = [None if result is None else result.metrics[metric].mean for result in results]
     shown = [None if mean is None else float(described.text(mean)) for mean in means]
@@ -103,7 +103,7 @@ def _setting(result: Result) -> tuple[Any, ...]:
 
 
 def _setting_names(settings: Sequence[tuple[Any, ...]]) -> dict[tuple[Any, ...], str]:
-    """What tells the settings apart, and the number of UAVs where nothing does."""
+    """Name settings by what tells them apart, or by the number of UAVs if nothing does."""
     varying = [
         index
         for index in range(len(_DIMENSIONS))

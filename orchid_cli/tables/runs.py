@@ -1,4 +1,4 @@
-"""How runs look: tables on a terminal, tab-separated lines elsewhere."""
+"""Tables of runs on a terminal, tab-separated lines elsewhere."""
 
 import shlex
 import textwrap
@@ -32,26 +32,26 @@ LIST_COLUMNS = (
     "load_jfi",
     "worst_rate_bps",
 )
-"""Of the list, behind the id."""
+"""Columns of the list after the id."""
 _GIVING_WAY = (
     "worst_rate_bps",
-    "training.seed",  # is a part of the id
+    "training.seed",  # it is also part of the id
     "load_jfi",
     "training.algorithm",
     "energy_efficiency_bit_per_joule",
 )
-"""Of these, on a terminal that is too narrow, in this order."""
+"""Columns that are left out, in this order, on a terminal that is too narrow."""
 _LEAST_ID = 32
-"""Characters of a terminal that an id has in any case; a longer one is broken where it must."""
+"""Least terminal width kept for ids; longer ids are broken where necessary."""
 SHOWN_ON_TERMINAL = 50
-"""Runs that a list shows to people who do not say how many they want."""
+"""Runs that a list shows on a terminal unless --limit is given."""
 _WRAPPED = ("host", "versions", "resumed", "resets", "checkpoints")
 _MOST_COMMANDS = 5
 _LEAST_PLOT_WIDTH, _MOST_PLOT_WIDTH = 40, 100
 
 
 def print_runs(out: Console, runs: Sequence["Run"], columns: Sequence[str]) -> None:
-    """A row a run; on a terminal an id that is too long is broken over several lines."""
+    """Print one row per run; on a terminal, long ids are broken over several lines."""
     rows = [[*map(plain, (one, *_cells(run, columns)))] for one, run in _named(out, runs)]
     if out.is_terminal:
         room = max(out.width - sum(_least_widths(runs, columns)), _LEAST_ID)
@@ -61,7 +61,7 @@ def print_runs(out: Console, runs: Sequence["Run"], columns: Sequence[str]) -> N
 
 
 def _named(out: Console, runs: Sequence["Run"]) -> list[tuple[str, "Run"]]:
-    """Runs and what they are called in a list: shortly for people, whole for programs."""
+    """Runs and their names in a list: short names for people, full ids for programs."""
     from orchid_uav.experiments.runs.index import short_names
 
     names = short_names(runs) if out.is_terminal else [run.id for run in runs]
@@ -82,13 +82,13 @@ def columns_that_fit(out: Console, runs: Sequence["Run"]) -> list[str]:
 
 
 def _least_widths(runs: Sequence["Run"], columns: Sequence[str]) -> list[int]:
-    """What columns take of a terminal, with the gap before each."""
+    """The least width of each column on a terminal, with the gap before it."""
     table = [_headings(columns), *(_cells(run, columns) for run in runs)]
     return [GAP + least_width(column) for column in zip(*table, strict=True)]
 
 
 def _headings(columns: Sequence[str]) -> list[str]:
-    """Titles of metrics, and keys without their section where none other ends so."""
+    """Titles of metrics, and keys without their section where that is unambiguous."""
     from orchid_uav.experiments.metrics import heading_of
 
     fields = [key.rpartition(".")[2] for key in columns]
@@ -110,14 +110,14 @@ def _cells(run: "Run", columns: Iterable[str]) -> list[str]:
 
 
 def print_resume_commands(out: Console, runs: Sequence["Run"]) -> bool:
-    """How to go on with those that died, and whether any did.
+    """Print how to continue the runs that died, and return whether there are any.
 
-    Off a terminal, where the table is read on, on stderr.
+    If the output is not a terminal, these lines go to stderr, since a program may read the table.
     """
     died = [run for run in runs if run.status == "died"]
     shown = out if out.is_terminal else console(stderr=True)
     for run in died[:_MOST_COMMANDS]:
-        print_line(shown, plain(f"died, go on with: {run.resume}"))
+        print_line(shown, plain(f"died; continue with: {run.resume}"))
     if len(died) > _MOST_COMMANDS:
         rest = len(died) - _MOST_COMMANDS
         print_line(shown, f"{rest} more died: list them with --where status=died --json")
@@ -125,7 +125,7 @@ def print_resume_commands(out: Console, runs: Sequence["Run"]) -> bool:
 
 
 def print_run(out: Console, run: "Run") -> None:
-    """All that is known of one."""
+    """Print everything that is known about a run."""
     from orchid_uav.experiments.runs.directory import FINAL_EPISODES
     from orchid_uav.experiments.runs.index import changed, checkpoints_of, value_text
     from orchid_uav.experiments.runs.records import CONFIG_FILE
@@ -139,7 +139,7 @@ def print_run(out: Console, run: "Run") -> None:
         "formerly": ", ".join(record.former_ids),
         "status": run.status,
         "error": record.error,
-        "go on with": run.resume,
+        "continue with": run.resume,
         "episodes": f"{record.episodes} of {run.planned_episodes}",
         "resets": _resets(run),
         "started": _time(record.started),
@@ -167,11 +167,11 @@ def print_run(out: Console, run: "Run") -> None:
 
 
 def _print_facts(out: Console, facts: dict[str, str]) -> None:
-    """Name and text. Lists are wrapped on a terminal; what may be copied is not broken."""
+    """Print names and texts. Lists are wrapped on a terminal; what may be copied is not."""
     indent = max(map(len, facts)) + 2
     for name, text in facts.items():
         if not out.is_terminal:
-            print(name, plain(text), sep="\t", file=out.file)  # rich makes spaces of tabs
+            print(name, plain(text), sep="\t", file=out.file)  # Rich turns tabs into spaces
             continue
         room = out.width - indent if name in _WRAPPED else len(text) + 1
         wrapped = textwrap.wrap(plain(text), max(room, 20), break_on_hyphens=False)
@@ -190,7 +190,7 @@ def _time(text: str | None) -> str:
 
 
 def print_comparison(out: Console, runs: Sequence["Run"]) -> None:
-    """Keys that differ, then final metrics side by side."""
+    """Print the keys that differ, then the final metrics side by side."""
     from orchid_uav.experiments.runs.index import differences, short_names, value_text
 
     names = short_names(runs)
@@ -207,7 +207,7 @@ def print_comparison(out: Console, runs: Sequence["Run"]) -> None:
 
 
 def _print_metrics(out: Console, runs: Sequence["Run"], names: Sequence[str]) -> None:
-    """A row a metric; of two runs, also the second one's less the first one's."""
+    """Print one row per metric; for two runs, also the second value minus the first."""
     from orchid_uav.envs.metrics import REWARD
     from orchid_uav.experiments.configuration import reward_differences
     from orchid_uav.experiments.metrics import METRICS, heading_of
@@ -216,7 +216,7 @@ def _print_metrics(out: Console, runs: Sequence["Run"], names: Sequence[str]) ->
 
     apart = reward_differences([run.config for run in runs])
     if len({run.record.episodes for run in runs}) > 1:
-        apart.append("the episodes so far, with which its weights change")
+        apart.append("the number of episodes so far, on which the reward's weights depend")
     rows = []
     for key in TRAINING_METRICS:
         values = [run.record.final.get(key) for run in runs]
@@ -231,7 +231,7 @@ def _print_metrics(out: Console, runs: Sequence["Run"], names: Sequence[str]) ->
                 cells.append(value_text(other - one, key))
         rows.append([heading_of(key), *cells])
     if not rows:
-        print_line(out, "no final metrics: there is no episode yet")
+        print_line(out, "no final metrics: no episode is finished yet")
         return
     more = ["difference"] if len(runs) == 2 else []
     longest = max(run.record.episodes for run in runs)
@@ -242,7 +242,7 @@ def _print_metrics(out: Console, runs: Sequence["Run"], names: Sequence[str]) ->
 
 
 def print_curves(out: Console, runs: Sequence["Run"], metrics: Sequence[str], window: int) -> None:
-    """Learning curves over each other; elsewhere than on a terminal, a small table of them."""
+    """Draw learning curves over each other on a terminal; elsewhere, print a small table."""
     from orchid_uav.cli.tables.terminal_curves import (
         Line,
         can_show_braille,
@@ -278,7 +278,7 @@ def print_curves(out: Console, runs: Sequence["Run"], metrics: Sequence[str], wi
 
 
 def print_removals(out: Console, removals: Sequence["Removal"]) -> None:
-    """What would be deleted."""
+    """Print what would be deleted."""
     rows = [
         [
             removal.path.name,
@@ -298,6 +298,6 @@ def _print(
     rows: Sequence[Sequence[str]],
     wraps_last: bool = False,
 ) -> None:
-    """A table of what files say."""
+    """Print a table of text from files, without control characters."""
     cells = [[*map(plain, row)] for row in rows]
     print_table(out, [*map(plain, columns)], cells, wraps_last)

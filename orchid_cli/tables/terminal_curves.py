@@ -8,14 +8,14 @@ from rich.cells import cell_len
 from rich.text import Text
 
 HEIGHT = 12
-"""Lines of a plot, without its axis and legend."""
+"""Height of a plot in lines, without its axis and legend."""
 SAMPLES = 10
-"""Episodes of the table that stands for a plot where there is no terminal."""
+"""Rows of the table that replaces a plot when the output is not a terminal."""
 _COLOURS = ("#56B4E9", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#F0E442", "#0072B2")
 _LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
 _LEAST_COLUMNS = 12
 _DOTS = ((0x01, 0x08), (0x02, 0x10), (0x04, 0x20), (0x40, 0x80))
-"""What the dots of a braille character add to the empty one, by row and column."""
+"""What each dot, by row and column, adds to the code of the empty braille character."""
 
 
 class Line(NamedTuple):
@@ -24,11 +24,11 @@ class Line(NamedTuple):
     name: str
     episodes: Sequence[float]
     values: Sequence[float]
-    """Scaled as shown; those that are not finite leave a gap."""
+    """In the unit shown; values that are not finite leave a gap."""
 
 
 def can_show_braille(encoding: str) -> bool:
-    """Whether an output's encoding has the characters that curves are drawn with."""
+    """Whether an output's encoding has the characters of which curves are drawn."""
     try:
         "⣿┤└─".encode(encoding)
     except (UnicodeEncodeError, LookupError):
@@ -47,11 +47,11 @@ def terminal_curves(
     """Curves over each other, with axes and a legend.
 
     Args:
-        lines: curves, the first in front.
-        heading: above the plot.
-        width: characters that there are.
-        digits: behind the point, of the numbers at the axis.
-        height: lines of the plot itself.
+        lines: the curves, the first in front.
+        heading: the text above the plot.
+        width: the width available, in characters.
+        digits: decimals of the numbers at the axis.
+        height: lines of the plot itself, without axis and legend.
         braille: draw with dots, and tell curves apart by colour; otherwise by letters, in ASCII.
 
     Returns:
@@ -98,9 +98,9 @@ def _bounds(values: Sequence[float]) -> tuple[float, float]:
 def _drawn(
     curves: Sequence[Sequence[tuple[float, float]]], across: int, height: int, braille: bool
 ) -> list[Text]:
-    """Rows of characters: two by four dots each, or letters.
+    """Draw the curves as rows of braille characters, two by four dots each, or of letters.
 
-    Dots have the colour of the first curve there; letters take turns where curves meet.
+    A character has the colour of the first curve in it; letters alternate where curves meet.
     """
     wide, tall = (2, 4) if braille else (1, 1)
     dots = [[0] * across for _ in range(height)]
@@ -125,7 +125,7 @@ def _drawn(
 def _strokes(
     points: Sequence[tuple[float, float]], across: int, down: int
 ) -> Iterator[tuple[int, int]]:
-    """Cells on the way from each point to the next, unless one of them is no number."""
+    """Cells on the way from each point to the next, unless one of them is not finite."""
     before = None
     for x, y in points:
         if not math.isfinite(y):
@@ -141,7 +141,7 @@ def _strokes(
 
 
 def _episode_axis(last: float, across: int) -> str:
-    """First, middle and last episode, and what they are where there is room."""
+    """First, middle and last episode, and the word "episode" where there is room."""
     middle, end = f"{(1 + last) / 2:.0f}", f"{last:.0f}"
     left = f"1{middle:>{across // 2 + len(middle) // 2 - 1}}"
     room = across - len(left) - len(end)
@@ -169,7 +169,7 @@ def _colour(number: int) -> str:
 
 
 def sampled_table(lines: Sequence[Line], digits: int = 3) -> tuple[list[str], list[list[str]]]:
-    """Curves as a small table: its headings, and a row for each of some episodes.
+    """Curves as a small table: its headings, and one row for each of a few episodes.
 
     The episodes are spread evenly up to the last of the longest curve.
     """

@@ -844,7 +844,7 @@ class TestInterruption:
         assert finished.code == 130
         assert "Traceback" not in finished.err
         [run] = new_runs()
-        assert f"this goes on: orchid train --resume {run}" in finished.err
+        assert f"continue with: orchid train --resume {run}" in finished.err
         assert record_of(run)["status"] == "interrupted"
         assert len(cells(run)) == 2
         assert (run / "checkpoints" / "1").exists() is not is_urgent

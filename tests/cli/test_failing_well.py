@@ -485,7 +485,7 @@ class TestClock:
         assert 0.0 <= before.seconds < 60
         resumed = orchid("train", "--resume", run)
         assert resumed.code == 0, resumed.err
-        assert "going on behind episode 4" in resumed.out
+        assert "continuing after episode 4" in resumed.out
         assert learned_files(run) == wanted
         after = read_record(run)
         assert before.seconds <= after.seconds < 60
@@ -519,7 +519,7 @@ class TestClock:
             os.utime(run / "checkpoints" / str(episode), (moment, moment))
         resumed = orchid("train", "--resume", run)
         assert resumed.code == 0, resumed.err
-        assert "going on behind episode 8" in resumed.out
+        assert "continuing after episode 8" in resumed.out
         assert learned_files(run) == wanted
         assert checkpoints_of(run) == ["10", "6", "8"]
 

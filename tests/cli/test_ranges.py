@@ -114,9 +114,9 @@ def test_in_a_mix_the_malformed_part_is_told():
         ("10..4", "--users 10..4 is empty: write the smaller number first"),
         ("1,10..4,x", "--users 10..4 is empty: write the smaller number first"),
         ("10..4:2", "--users 10..4:2 is empty: write the smaller number first"),
-        ("4..10:0", "--users 4..10:0 has the step 0: it is above 0"),
-        ("4..10:-2", "--users 4..10:-2 has the step -2: it is above 0"),
-        ("4..10:0e5", "--users 4..10:0e5 has the step 0e5: it is above 0"),
+        ("4..10:0", "--users 4..10:0 has the step 0: it must be above 0"),
+        ("4..10:-2", "--users 4..10:-2 has the step -2: it must be above 0"),
+        ("4..10:0e5", "--users 4..10:0e5 has the step 0e5: it must be above 0"),
         ("0..10000", "--users 0..10000 has 10,001 values, more than 10,000"),
         ("0..1:1e-9", "--users 0..1:1e-9 has 1,000,000,001 values, more than 10,000"),
         ("0..6000,7000..12000", "--users 0..6000,7000..12000 has more than 10,000 values"),
@@ -168,7 +168,7 @@ class TestCounts:
         [("0", "0"), ("-1", "-1"), ("2.5", "2.5"), ("1..3:0.5", "1.5"), ("0..4", "0")],
     )
     def test_of_less_than_one_or_of_parts_are_refused(self, text, value):
-        message = f"--uavs {text} contains {value}, which is no whole number of 1 or more"
+        message = f"--uavs {text} contains {value}, which is not a whole number of 1 or more"
         with pytest.raises(InputError, match=f"^{re.escape(message)}$"):
             parse_counts(text, "--uavs")
 

@@ -445,7 +445,7 @@ class TestWhere:
     def test_when_nothing_fits_the_values_that_there_are_are_told(self, orchid, lab):
         finished = orchid("runs", "list", "--runs-dir", lab, "--where", "status=complete")
         assert (finished.code, finished.out) == (0, "")
-        assert "none of 5 runs fits" in finished.err
+        assert "none of the 5 runs fits" in finished.err
         assert "status is completed, failed" in finished.err
 
     @given(st.sampled_from(["<", "<=", ">", ">=", "=", "!="]), st.floats(0.0, 1.0))
@@ -588,7 +588,7 @@ class TestShow:
         path = make_run(runs, status="failed", log=[])
         finished = orchid("runs", "show", path.name, "--runs-dir", runs)
         assert finished.code == 0
-        assert "there is no episode yet" in finished.out
+        assert "no episode is finished yet" in finished.out
         assert "error\tNaN" in finished.out
 
     @pytest.mark.parametrize(
@@ -647,7 +647,7 @@ class TestCompare:
         ("config", "episodes", "told"),
         [
             ({"reward__objective": "pf"}, 3, "reward.objective"),
-            ({}, 4, "the episodes so far, with which its weights change"),
+            ({}, 4, "the number of episodes so far, on which the reward's weights depend"),
         ],
     )
     def test_rewards_of_two_functions_have_no_difference(
@@ -1061,7 +1061,7 @@ class TestNext:
         make_run(runs)
         arguments = ["--runs-dir", runs]
         text = on_terminal(monkeypatch, orchid, 40, "runs", "list", *arguments)
-        assert text.splitlines()[-1] == f"died, go on with: orchid train --resume {path}"
+        assert text.splitlines()[-1] == f"died; continue with: orchid train --resume {path}"
         assert "next:" not in text
         text = on_terminal(monkeypatch, orchid, 40, "runs", "show", path, *arguments)
         assert f"orchid train --resume {path}" in text and "next:" not in text

@@ -497,7 +497,7 @@ class TestFinished:
         assert document["settings"]["variants"] == {"no-rf": {"reset.enabled": False}}
         assert "seeds 0, 1\n" in finished.err
         assert "base, no-rf: 2 x 2 seeds = 4 runs of 8 episodes, 0 of them done" in finished.err
-        assert "if it stops, this goes on: orchid ablate --base=" in finished.err
+        assert "if it stops, continue with: orchid ablate --base=" in finished.err
 
     def test_leaves_runs_flights_curves_and_nothing_unknown(self, finished):
         assert {path.name for path in finished.path.iterdir()} == {
@@ -548,7 +548,7 @@ class TestFinished:
     def test_a_table_of_tabs_has_the_effect_first(self, ablate, study):
         finished = ablate("--no-rf", "--seeds=0,1", f"--out={study}")
         assert finished.code == 0
-        assert "4 of them done before" in finished.out
+        assert "4 of them already done" in finished.out
         lines = [line.split("\t") for line in finished.out.splitlines()]
         heads = (
             "variant|metric|difference [95 %]|relative|P(better)|p (Holm)|verdict|base|variant's"
@@ -604,7 +604,7 @@ class TestGrown:
         expected = {f"{name}-s{seed}" for name in ("frozen", WALKING) for seed in range(5)}
         expected |= {f"{name}-s{seed}" for name in ("base", "no-rf") for seed in (2, 3, 4)}
         assert Counter(grown.names) == Counter(expected)
-        assert "4 of them done before" in grown.out
+        assert "4 of them already done" in grown.out
         document = document_of(grown.path)
         assert document["status"] == "completed"
         assert len(document["runs"]) == 20
@@ -717,7 +717,7 @@ class TestFailures:
         arguments = ("--no-rf", "--set=ppo.actor_learning_rate=1e30", "--seeds=0,1")
         failed = ablate(*arguments, f"--out={study}")
         assert failed.code == 1
-        assert "this tries the failed runs again: orchid ablate" in failed.err
+        assert "try the failed runs again with: orchid ablate" in failed.err
         after = fingerprint(study / "runs")
         assert {name: after[name] for name in kept} == kept
         document = document_of(study)
@@ -767,7 +767,7 @@ class TestFailures:
         assert_is_an_error(
             ablate(*arguments, f"--out={tmp_path / 'study'}", "--quiet", "--json"),
             "no run was completed; see ",
-            "this tries again: orchid ablate",
+            "try again with: orchid ablate",
             code=1,
         )
         assert document_of(tmp_path / "study")["status"] == "failed"
@@ -825,12 +825,12 @@ class TestInterruption:
         [kept] = completed()
         before = fingerprint(kept), kept.stat().st_mtime_ns
         line = err.splitlines()[-1]
-        assert line.startswith("interrupted; this goes on: orchid ablate ")
+        assert line.startswith("interrupted; continue with: orchid ablate ")
         # Measured, and trained by processes, like the first part.
         again = orchid(*shlex.split(line.partition(": orchid ")[2]))
         assert again.code == 0, again.err
         assert "measuring how long a run takes ..." in again.out
-        assert "= 2 runs of 8 episodes, 1 of them done before" in again.out
+        assert "= 2 runs of 8 episodes, 1 of them already done" in again.out
         assert "no-rf-s0: completed after " in again.out
         assert (fingerprint(kept), kept.stat().st_mtime_ns) == before
         shutil.copytree(finished.path, tmp_path / "copy")
@@ -858,7 +858,7 @@ class TestInterruption:
         arguments = ("--no-rf", "--seeds=0,1", f"--out={study}", "--json")
         stopped = ablate(*arguments)
         assert (stopped.code, stopped.out) == (130, "")
-        assert "interrupted; this goes on: orchid ablate" in stopped.err
+        assert "interrupted; continue with: orchid ablate" in stopped.err
         assert document_of(study)["status"] == "interrupted"
         assert ablate(*arguments).code == 0
         # The sixth was lost, and is flown twice.
@@ -879,7 +879,7 @@ class TestInterruption:
         stopped = ablate(*arguments)
         assert (stopped.code, stopped.out) == (130, "")
         command = shlex.join(["orchid", *STUDY, *arguments])
-        assert stopped.err == f"interrupted; this goes on: {command}\n"
+        assert stopped.err == f"interrupted; continue with: {command}\n"
         assert document_of(study)["status"] == "interrupted"
 
     def test_without_out_the_line_names_the_directory(self, ablate, tmp_path, monkeypatch):

@@ -384,7 +384,7 @@ def test_the_summary_is_there_before_anything_is_drawn(evaluate_tiny, tmp_path, 
     monkeypatch.setattr(drawing, "draw_metric", lambda results, metric: None)  # which takes time
     finished = evaluate_tiny(*arguments)
     assert finished.code == 0, "the same command does not go on"
-    assert "2 batches of them flown before" in finished.out
+    assert "2 batches of them already flown" in finished.out
     summary = json.loads((out / "summary.json").read_text())
     assert summary["results"] == seen[0]["results"]
     assert summary["status"] == "completed"
@@ -610,7 +610,7 @@ def test_an_interrupted_evaluation_goes_on_to_the_same_result(
         stopped = evaluate_tiny(*arguments)
     assert stopped.code == 130
     assert told == [(2, b"stopping; what was flown is kept\n")]
-    assert "this goes on: orchid eval" in stopped.err
+    assert "continue with: orchid eval" in stopped.err
     parts = tmp_path / "work/parts"
     partial = json.loads((parts / "summary.json").read_text())
     assert partial["status"] == "interrupted"
@@ -621,7 +621,7 @@ def test_an_interrupted_evaluation_goes_on_to_the_same_result(
     assert_is_an_error(evaluate_tiny(methods, "--uavs=2,4", "--out=parts"), "other settings: uavs")
     finished = evaluate_tiny(*arguments, "--no-figures")
     assert finished.code == 0
-    assert "4 batches of them flown before" in finished.out
+    assert "4 batches of them already flown" in finished.out
     for name in ("results", "settings", "status"):
         documents = [
             json.loads((tmp_path / "work" / out / "summary.json").read_text())[name]
@@ -648,13 +648,13 @@ def test_what_was_flown_is_kept_whatever_happens_afterwards(
     monkeypatch.setattr(evaluation_files, stage, interrupted)
     stopped = evaluate_tiny(*arguments)
     assert stopped.code == 130
-    assert "this goes on: orchid eval" in stopped.err
+    assert "continue with: orchid eval" in stopped.err
     monkeypatch.undo()
     monkeypatch.chdir(tmp_path / "work")
     monkeypatch.setattr(evaluation, "_fly_batch", interrupted)  # nothing is flown again
     finished = evaluate_tiny(*arguments)
     assert finished.code == 0
-    assert "2 batches of them flown before" in finished.out
+    assert "2 batches of them already flown" in finished.out
 
 
 @pytest.mark.parametrize("numbers", [[signal.SIGINT], [signal.SIGTERM, signal.SIGTERM]])
@@ -685,7 +685,7 @@ def test_an_interruption_lets_files_be_written_first(
     assert {path.name for path in (tmp_path / "work/out").iterdir()} == {
         *("summary.json", "episodes.parquet")
     }
-    assert "2 batches of them flown before" in evaluate_tiny(*arguments).out
+    assert "2 batches of them already flown" in evaluate_tiny(*arguments).out
 
 
 @pytest.mark.skipif(os.name != "posix", reason="fork is POSIX")

@@ -823,7 +823,7 @@ class TestDisplays:
         assert lines[0] == "3 jobs, 3 at once"
         assert lines[1] == "8%: base-s0[red] 25%, bad 0%, killed 0%"  # 0.25 of 3
         assert (
-            "killed: killed by SIGKILL; it is run once more and goes on where it stopped" in lines
+            "killed: killed by SIGKILL; it is run once more and continues where it stopped" in lines
         )
         failure = next(line for line in lines if line.startswith("bad: failed after 0:00:0"))
         assert f": error: [red]wrong ({jobs[1].log}); " in failure
@@ -855,7 +855,7 @@ class TestDisplays:
         progress.end()
         shown = file.getvalue()
         assert "1:02:03 left" in shown
-        assert "stopping: 2 jobs save what they have; once more stops at once" in shown
+        assert "stopping: 2 jobs save what they have; Ctrl-C once more stops at once" in shown
         assert "stopping: 1 job saves what it has;" in shown
 
     def test_a_bar_goes_with_its_job(self, make):

@@ -223,7 +223,7 @@ class TestNothingElseIsRun:
         assert_is_an_error(finished, "other settings: methods")
         (tmp_path / "rule.py").write_text(RULE)
         finished = evaluate(*self.ARGUMENTS, "--method=rule.py:StandStill")
-        assert finished.code == 0 and "1 batches of them flown before" in finished.out
+        assert finished.code == 0 and "1 batches of them already flown" in finished.out
 
     def test_a_run_that_names_a_file_does_not_get_it_run(
         self, evaluate, orchid, new_runs, runs_dir, tmp_path

@@ -752,7 +752,7 @@ class TestCommand:
         given = {"path": stopped, "id": stopped.name, "beginning": stopped.name[:9]}[how]
         finished = orchid("train", "--runs-dir", runs_dir, "--resume", given)
         assert finished.code == 0
-        assert "going on behind episode 3" in finished.out
+        assert "continuing after episode 3" in finished.out
         assert "completed: 8 episodes" in finished.out
         assert_same(stopped, runs_dir.parent / "whole")
         [resumed] = record_of(stopped)["resumed"]
@@ -784,8 +784,8 @@ class TestCommand:
             record = record_of(path)
             assert (record["status"], record["episodes"]) == ("interrupted", episodes)
             assert episodes in store_of(path).episodes()
-            [line] = [line for line in finished.err.splitlines() if "this goes on: " in line]
-            command = shlex.split(line.partition("this goes on: ")[2])
+            [line] = [line for line in finished.err.splitlines() if "continue with: " in line]
+            command = shlex.split(line.partition("continue with: ")[2])
             assert command[:3] == ["orchid", "train", "--resume"]
             finished = orchid(*command[1:], "--quiet")
         assert finished.code == 0
@@ -795,8 +795,8 @@ class TestCommand:
         failing_at(monkeypatch, RunDirectory, "append_episodes", 3, OSError(28, "No space left"))
         finished = orchid("train", *TINY_FLAGS, "--episodes=3", "--quiet", "--runs-dir", runs_dir)
         assert finished.code == 1
-        [line] = [line for line in finished.err.splitlines() if "this goes on: " in line]
-        command = shlex.split(line.partition("this goes on: ")[2])
+        [line] = [line for line in finished.err.splitlines() if "continue with: " in line]
+        command = shlex.split(line.partition("continue with: ")[2])
         assert orchid(*command[1:], "--quiet").code == 0
 
     def test_on_a_complete_run_needs_more_episodes(self, complete, orchid):
@@ -1031,7 +1031,7 @@ class TestTwoProcesses:
         winner.signal(signal.SIGTERM)
         winner.until(winner.has_ended)
         assert winner.code == 130
-        assert f"this goes on: orchid train --resume {path}" in winner.log.read_text()
+        assert f"continue with: orchid train --resume {path}" in winner.log.read_text()
         record = record_of(path)
         assert record["status"] == "interrupted"
         assert len(record["resumed"]) == 1
