@@ -1,4 +1,4 @@
-"""Reads an evaluation with pandas: ``python examples/read_evaluation.py orchid-eval/TIME``.
+"""Read an evaluation with pandas: ``python examples/read_evaluation.py orchid-eval/TIME``.
 
 The directory is one that ``orchid eval`` has written.
 """
@@ -14,7 +14,7 @@ TOPOLOGY = [*SETTING, "seed", "deterministic"]
 
 episodes = pd.read_parquet(Path(sys.argv[1]) / "episodes.parquet")
 
-# A policy with sampled actions has the same method as without, hence "deterministic".
+# A policy has the same method with and without sampled actions, hence "deterministic".
 by_method = episodes.groupby([*SETTING, "method", "deterministic"])[METRICS]
 print("Means over topologies", by_method.mean().to_string(), sep="\n", end="\n\n")
 print("Standard deviations", by_method.std().to_string(), sep="\n", end="\n\n")  # ddof = 1

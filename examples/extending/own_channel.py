@@ -1,9 +1,9 @@
-"""A channel of your own: free space, and trees that swallow what comes in low.
+"""A channel of your own: free space, and trees that absorb signals from low elevations.
 
     python examples/extending/own_channel.py
 
 flies the same rule through this channel and through the built-in one. The function is compiled with
-the simulator's step, so it consists of what numba compiles: numbers, NumPy, ``math``.
+the simulator's step, so it may only use what numba compiles: numbers, NumPy, ``math``.
 """
 
 import numpy as np
@@ -18,7 +18,7 @@ TREE_LOSS_DB_PER_M = 0.2
 
 
 def woodland_path_loss_db(ground_distance_m, altitude_m, carrier_frequency_hz):
-    """Loss in dB; the arguments begin as those of ``channel.air_to_ground_path_loss_db``."""
+    """Loss in dB; the arguments are the first of ``channel.air_to_ground_path_loss_db``."""
     distance_m = np.sqrt(ground_distance_m**2 + altitude_m**2)
     through_trees_m = distance_m * min(TREE_HEIGHT_M / altitude_m, 1.0)
     return free_space_path_loss_db(distance_m, carrier_frequency_hz) + (
@@ -27,7 +27,7 @@ def woodland_path_loss_db(ground_distance_m, altitude_m, carrier_frequency_hz):
 
 
 def fly(path_loss_db=None, worlds: int = 100, **overrides: int) -> dict[str, float]:
-    """Means over the worlds of an episode of circling the K-Means centroids."""
+    """Fly one episode of circling the K-Means centroids; return means over the worlds."""
     world = WorldBatch(
         Parameters().with_overrides(overrides),
         worlds,

@@ -1,4 +1,4 @@
-"""Observations of your own: the built-in ones, and the way to the middle of the users served.
+"""Observations of your own: the built-in ones, and the direction to the middle of the users served.
 
 python examples/extending/own_observation.py     # trains for minutes, writes ./own_observation
 orchid eval --method examples/extending/own_observation.py:Informed --methods learned
@@ -18,7 +18,7 @@ FOLDER = Path("own_observation")
 
 
 def observe(world: WorldBatch) -> NDArray[np.float32]:
-    """What every UAV sees, (B, N, 18); any number will do, and every space follows."""
+    """What every UAV sees, (B, N, 18); any number of values is allowed, and all spaces adapt."""
     arrays = world.arrays
     serves = arrays.association[:, None, :] == np.arange(world.uav_count)[:, None]  # (B, N, M)
     users = serves.sum(axis=2)[..., None]
@@ -29,9 +29,9 @@ def observe(world: WorldBatch) -> NDArray[np.float32]:
 
 
 def train(episodes: int = 700, **world: int) -> None:
-    """MAPPO as it is, without Reset-and-Finetune and schedules."""
+    """Train with unchanged MAPPO, without Reset-and-Finetune and schedules."""
     env = make_vec_env(observe=observe, **world)
-    env.set_progress(1.0)  # the weights of the reward as at the end of a training
+    env.set_progress(1.0)  # reward weights as at the end of training
     slots = env.parameters.network.episode_slots
     model = MAPPO("CentralizedCriticPolicy", env, n_steps=slots, seed=0)
     model.learn(episodes * slots * env.num_envs)
@@ -42,13 +42,13 @@ def train(episodes: int = 700, **world: int) -> None:
 
 
 class Informed:
-    """Flies what was trained; the worlds of an evaluation know nothing of ``observe``."""
+    """Flies the trained policy; it calls ``observe`` itself, as an evaluation does not."""
 
     def __init__(self) -> None:
         self.actor = load_policy(FOLDER)
 
     def begin(self, world: WorldBatch) -> None:
-        """Nothing to prepare for an episode."""
+        """Prepare an episode; this policy needs nothing."""
 
     def act(self, world: WorldBatch) -> Actions:
         """The network's mean for every UAV's observation."""

@@ -1,4 +1,4 @@
-"""A reward term of your own: transmit power costs, so that batteries of the radios last.
+"""A reward term of your own: transmit power costs, so that the batteries of the radios last.
 
 python examples/extending/own_reward.py          # trains for minutes, writes ./own_reward
 orchid eval --method examples/extending/own_reward.py:Frugal --methods learned
@@ -24,9 +24,9 @@ def radio_cost(world: WorldBatch) -> NDArray[np.float64]:
 
 
 def train(episodes: int = 700, **world: int) -> None:
-    """MAPPO as it is, without Reset-and-Finetune and schedules."""
+    """Train with unchanged MAPPO, without Reset-and-Finetune and schedules."""
     env = make_vec_env(extra_reward=radio_cost, **world)
-    env.set_progress(1.0)  # the weights of the reward as at the end of a training
+    env.set_progress(1.0)  # reward weights as at the end of training
     slots = env.parameters.network.episode_slots
     model = MAPPO("CentralizedCriticPolicy", env, n_steps=slots, seed=0)
     model.learn(episodes * slots * env.num_envs)
@@ -37,7 +37,7 @@ def train(episodes: int = 700, **world: int) -> None:
 
 
 class Frugal(Learned):
-    """Flies what was trained, in worlds that reward what they always did."""
+    """Flies the trained policy; the worlds of an evaluation have the built-in reward."""
 
     def __init__(self) -> None:
         super().__init__(load_policy(FOLDER))

@@ -12,7 +12,7 @@ from orchid_uav.envs import WorldBatch
 
 
 class FollowServed:
-    """B worlds are flown at once: every array has one row per world."""
+    """This rule flies B worlds at once: every array has one row per world."""
 
     objective = "mmf"  # or "pf": the reward's rate term, and how a UAV's band is shared
     idea = "fly to the middle of the users that are served, at full power"

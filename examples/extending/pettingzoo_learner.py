@@ -12,7 +12,7 @@ from orchid_uav.agents.controllers.controller import Actions
 from orchid_uav.envs import WorldBatch, parallel_env
 
 WEIGHTS = "linear.npy"
-SHAPE = (17, 4)  # sixteen numbers and a constant in, an action out
+SHAPE = (17, 4)  # inputs: sixteen numbers and a constant; output: an action
 
 
 def act(weights: NDArray[np.float64], seen: NDArray[np.float32]) -> NDArray[np.float64]:
@@ -31,9 +31,9 @@ def episode_reward(env: ParallelEnv, weights: NDArray[np.float64], seed: int) ->
 
 
 def train(rounds: int = 50, candidates: int = 40, elite: int = 8, **world: int) -> None:
-    """Draw candidates, keep the best, and draw the next ones round them."""
+    """Draw candidates, keep the best, and draw the next ones around them."""
     env, generator = parallel_env(**world), np.random.default_rng(0)
-    env.set_progress(1.0)  # the weights of the reward as at the end of a training
+    env.set_progress(1.0)  # reward weights as at the end of training
     mean, std = np.zeros(SHAPE), np.full(SHAPE, 0.5)
     for seed in range(rounds):
         drawn = mean + std * generator.standard_normal((candidates, *SHAPE))
@@ -44,7 +44,7 @@ def train(rounds: int = 50, candidates: int = 40, elite: int = 8, **world: int) 
 
 
 class Linear:
-    """Flies what was found."""
+    """Flies the policy that was found."""
 
     def begin(self, world: WorldBatch) -> None:
         """Read the weights."""

@@ -1,4 +1,4 @@
-"""A learner of your own on the SB3 interface: SB3's PPO as it is, without a centralised critic.
+"""A learner of your own on the SB3 interface: SB3's unchanged PPO, without a centralised critic.
 
 python examples/extending/sb3_learner.py         # trains for minutes, writes ./sb3_ppo.safetensors
 orchid eval --method examples/extending/sb3_learner.py:IndependentPPO --methods learned
@@ -20,9 +20,9 @@ LAYERS = {"net_arch": [64, 64]}
 
 
 def train(episodes: int = 700, **world: int) -> None:
-    """Every row of the vector environment is a UAV, and all learn one policy."""
+    """Train; every row of the vector environment is a UAV, and all learn one policy."""
     fleet = make_vec_env(**world)
-    fleet.set_progress(1.0)  # the weights of the reward as at the end of a training
+    fleet.set_progress(1.0)  # reward weights as at the end of training
     env = VecExtractDictObs(fleet, "observation")  # a UAV sees no global state
     slots = fleet.parameters.network.episode_slots
     model = PPO("MlpPolicy", env, n_steps=slots, batch_size=slots, policy_kwargs=LAYERS, seed=0)
@@ -31,7 +31,7 @@ def train(episodes: int = 700, **world: int) -> None:
 
 
 class IndependentPPO:
-    """Flies what was trained."""
+    """Flies the trained policy."""
 
     def begin(self, world: WorldBatch) -> None:
         """Build the network and read its weights."""

@@ -1,4 +1,4 @@
-"""What can happen to files, by accident or by intent, for tests of what reads them."""
+"""Accidental and intended damage to files, for tests of the code that reads them."""
 
 import hashlib
 import json
@@ -17,7 +17,7 @@ from orchid_uav.storage.files import sealed
 
 
 class Payload:
-    """Makes a folder when it is unpickled."""
+    """Creates a folder when it is unpickled."""
 
     def __init__(self, marker: Path) -> None:
         self.marker = marker
@@ -28,26 +28,26 @@ class Payload:
 
 @dataclass
 class Target:
-    """A file that is to be damaged; its content may be shared with another place, by a link."""
+    """A file to be damaged; another path may share its content through a link."""
 
     path: Path
     chance: random.Random
     marker: Path
-    """Is made by code that is run."""
+    """A path that exists if code from the file was executed."""
     others: list[Path] = field(default_factory=list)
-    """Whole files that could be mistaken for it."""
+    """Undamaged files that could be mistaken for it."""
 
     @property
     def content(self) -> bytes:
         return self.path.read_bytes()
 
     def place(self) -> int:
-        """Somewhere in it."""
+        """A random position in the file."""
         return self.chance.randrange(self.path.stat().st_size)
 
 
 def put(path: Path, content: bytes) -> None:
-    """Write a file anew."""
+    """Replace a file by a new one."""
     path.unlink()
     path.write_bytes(content)
 
@@ -56,7 +56,7 @@ def load_json(path: Path) -> Any:
     return json.loads(path.read_text(encoding="utf-8"))
 
 
-# By accident.
+# Damage by accident.
 
 
 def truncate(target: Target) -> None:
@@ -80,7 +80,7 @@ def cut_out(target: Target) -> None:
 
 
 def zero(target: Target) -> None:
-    """As after a power cut."""
+    """Fill with zeros, as after a power cut."""
     at, content = target.place(), target.content
     length = min(target.chance.randint(1, 4096), len(content) - at)
     put(target.path, content[:at] + bytes(length) + content[at + length :])
@@ -99,7 +99,7 @@ def add_space(target: Target) -> None:
 
 
 def write_otherwise(target: Target) -> None:
-    """The same document in another order and without line breaks, where it is one."""
+    """Write the same document in another order and without line breaks, if it is one."""
     if target.path.suffix == ".json":
         items = list(load_json(target.path).items())
         target.chance.shuffle(items)
@@ -113,14 +113,14 @@ def take_another(target: Target) -> None:
 
 
 def take_all_of_another_folder(target: Target) -> None:
-    """With the files beside it, so that what is there fits together."""
+    """Copy the file with its neighbours from another folder, so that they fit together."""
     folder = target.chance.choice(target.others).parent
     for path in target.path.parent.iterdir():
         if path.is_file() and (folder / path.name).is_file():
             put(path, (folder / path.name).read_bytes())
 
 
-# By intent.
+# Damage by intent.
 
 
 def make_folder(target: Target) -> None:
@@ -144,7 +144,7 @@ def link_to_zeros(target: Target) -> None:
 
 
 def make_huge(target: Target) -> None:
-    """A terabyte, of which the disk holds next to nothing."""
+    """Make the file a terabyte long, although it takes almost no space on the disk."""
     put(target.path, target.chance.choice([target.content, b""]))
     os.truncate(target.path, 2**40)
 
@@ -167,12 +167,12 @@ def put_an_odd_document(target: Target) -> None:
 
 
 def add_an_odd_value(target: Target) -> None:
-    """What JSON or Python cannot hold, behind a document's last value."""
+    """Add a value that JSON or Python cannot represent, after a document's last value."""
     odd = b', "odd": ' + target.chance.choice(_ODD_VALUES) + b"}"
     put(target.path, target.content.rstrip().removesuffix(b"}") + odd)
 
 
-# By one who knows of seals and checksums.
+# Damage by somebody who knows of seals and checksums.
 
 NASTY_VALUES: tuple[Any, ...] = (
     *(None, True, False, 0, 1, -1, 2**31, 2**63, 10**30, -(10**30), 10**9, 0.5, -0.5, 1e308),
@@ -197,7 +197,7 @@ def spoil(document: Any, chance: random.Random) -> None:
 
 
 def write_sealed(path: Path, document: dict[str, Any]) -> None:
-    """A document, with whatever vouches for it."""
+    """Write a document with its seals and checksums."""
     if path.name == "config.json":
         content = json.dumps(document).encode()
         put(path, content)
@@ -207,12 +207,12 @@ def write_sealed(path: Path, document: dict[str, Any]) -> None:
 
 
 def reseal(path: Path, **changes: Any) -> None:
-    """Change a document as somebody would who knows of seals."""
+    """Change a document and renew its seal."""
     write_sealed(path, load_json(path) | changes)
 
 
 def write_sealed_tensors(path: Path, content: bytes) -> None:
-    """A file of tensors, with whatever vouches for it."""
+    """Write a file of tensors with its seals and checksums."""
     put(path, content)
     checksum = hashlib.sha256(content).hexdigest()
     if path.name == "policy.safetensors":
@@ -234,7 +234,7 @@ def seal_hostile_content(target: Target) -> None:
         flip_a_bit(target)
 
 
-# Files of tensors that nobody would write: each is made of one that is right.
+# Invalid files of tensors, each made from a valid one.
 
 Header = dict[str, Any]
 
@@ -249,7 +249,7 @@ def _joined(header: bytes, data: bytes) -> bytes:
 
 
 def _with_header(change: Callable[[Header, Header], Any]) -> Callable[[bytes], bytes]:
-    """Change the header, given it and the entry of its last tensor."""
+    """Make damage that changes the header; ``change`` gets it and its last tensor's entry."""
 
     def changed(content: bytes) -> bytes:
         header, data = _split(content)
@@ -342,7 +342,7 @@ HOSTILE_TENSORS: dict[str, Callable[[bytes], bytes]] = {
     "is a length alone": lambda content: content[:8],
     "is empty": lambda content: b"",
 }
-"""All of them are refused, although their checksums are right."""
+"""All of these files are refused, although their checksums are right."""
 
 DAMAGES: dict[str, Callable[[Target], None]] = {
     damage.__name__: damage

@@ -1,8 +1,8 @@
-"""One time slot of the UAV network, written a second time: slow, literal, on its own.
+"""One time slot of the UAV network, written a second time: slow, literal and independent.
 
-Derived only from the paper (Sections III, IV-C and V, Table I, Evaluation Metrics) and from the
-project's decisions M1 to M33. It shares no code with the simulator, and must not: the tests compare
-the two, so that a misreading in either shows as a difference. Pure Python, nested loops, `math`.
+It is derived only from the paper (Sections III, IV-C and V, Table I, Evaluation Metrics) and the
+project's decisions M1 to M33. It must not share code with the simulator: the tests compare the two,
+so that a misreading in either shows as a difference. It uses pure Python, nested loops and `math`.
 """
 
 import math
@@ -107,7 +107,7 @@ class Outcome:
 
 
 def clip(value: float, low: float, high: float) -> float:
-    """The value, moved to the nearer end where it lies outside [low, high]."""
+    """The value, or the nearer end if it lies outside [low, high]."""
     if value < low:
         return low
     if value > high:
@@ -224,13 +224,13 @@ def level_propulsion_power_w(setting: Setting, speed_mps: float) -> float:
 
 
 def propulsion_power_w(setting: Setting, velocity_mps: Vector) -> float:
-    """P_prop of the 3-D speed, and m g max(v_z, 0) where a mass is set (III-E, M24)."""
+    """P_prop of the 3-D speed, plus m g max(v_z, 0) if a mass is set (III-E, M24)."""
     climb = setting.climb_mass_kg * GRAVITY_MPS2 * max(velocity_mps[2], 0.0)
     return level_propulsion_power_w(setting, speed_of(velocity_mps)) + climb
 
 
 def least_propulsion_power_w(setting: Setting) -> float:
-    """The least of P_prop over 0..V_max: a dense grid, then a ternary search about its best."""
+    """The least of P_prop over 0..V_max: a dense grid, then a ternary search around its best."""
     steps = 1500
     best = 0
     for step in range(steps + 1):

@@ -16,7 +16,7 @@ SIZES_OF_WISHES = {"observation": 2, "state": 4}
 
 
 def small_model(worlds: int = 1, seed: int = 0, n_steps: int = 10, **keywords: Any) -> MAPPO:
-    """MAPPO with small networks on a small network, an episode being a rollout."""
+    """MAPPO with small neural networks on a small UAV network; a rollout is one episode."""
     env = make_vec_env(worlds, seed=seed, **SMALL)
     policy = {"net_arch": [32, 32], **keywords.pop("policy_kwargs", {})}
     return MAPPO(
@@ -30,7 +30,7 @@ def small_model(worlds: int = 1, seed: int = 0, n_steps: int = 10, **keywords: A
 
 
 def small_maddpg(worlds: int = 1, seed: int = 0, **keywords: Any) -> MADDPG:
-    """MADDPG with small networks on a small network, learning from four transitions on."""
+    """MADDPG with small neural networks on a small UAV network; it learns from 4 transitions."""
     policy = {"net_arch": [32, 32], **keywords.pop("policy_kwargs", {})}
     defaults = {
         "batch_size": 4,
@@ -46,7 +46,7 @@ class ConstantReward(VecEnv):
     """Two agents in one world that always see the same and always earn the same reward.
 
     Args:
-        reward: per step.
+        reward: the reward per step.
         length: steps per episode.
         truncates: whether episodes end by a time limit rather than by termination.
     """
@@ -104,10 +104,10 @@ class ConstantReward(VecEnv):
 
 
 class Clock(ConstantReward):
-    """Worlds of two agents whose numbers say where they are, actions being two numbers in 0..4.
+    """Worlds of two agents whose observations tell agent and time; actions are two numbers in 0..4.
 
-    Agents see (world, agent, episode, step), their state is (world, episode, step), and what they
-    earn for a step is 100 world + 10 agent + step.
+    Agents see (world, agent, episode, step), their state is (world, episode, step), and the reward
+    of a step is 100 world + 10 agent + step.
 
     Args:
         lengths: steps per episode, by world.
@@ -155,9 +155,9 @@ class Clock(ConstantReward):
 
 
 class Wishes(ConstantReward):
-    """Two agents a world that see two random numbers and are to act as 0.8 times the first.
+    """Two agents per world that see two random numbers; the best action is 0.8 times the first.
 
-    What an agent does pays the other agent and not itself, so that only shared rewards can teach.
+    An agent's action is rewarded to the other agent, so only shared rewards can teach.
     """
 
     def __init__(self, worlds: int = 1) -> None:

@@ -1,4 +1,4 @@
-"""Small runs, and what tests of them have in common."""
+"""Small runs, and helpers that their tests share."""
 
 import ctypes
 import hashlib
@@ -27,7 +27,7 @@ TINY = {
     "network.episode_slots": 10,
     "ppo.hidden_sizes": [16, 16],
 }
-"""Flies and learns an episode in about ten milliseconds."""
+"""A configuration that flies and learns an episode in about ten milliseconds."""
 
 TINY_FLAGS = [f"--set={key}={json.dumps(value)}" for key, value in TINY.items()]
 
@@ -49,7 +49,7 @@ COLUMNS = [
     "entropy_coef",
     "reset",
 ]
-"""Of ``episodes.csv``, written out: other programs rely on them."""
+"""Columns of ``episodes.csv``, written out here because other programs rely on them."""
 
 WHOLE_NUMBERS = ("episode", "collisions", "boundary_violations", "backhaul_violations", "reset")
 
@@ -73,7 +73,7 @@ class Finished:
 
 
 def tiny_config(episodes: int = 3, **values: Any) -> RunConfig:
-    """TINY with other values, written with two underscores: ``reset__window=2``."""
+    """TINY with some values changed; keys have two underscores, as in ``reset__window=2``."""
     dotted = {key.replace("__", "."): value for key, value in values.items()}
     return merge([Layer("test", TINY | {"training.episodes": episodes} | dotted)])[0]
 
@@ -98,12 +98,12 @@ def record_of(directory: Path) -> dict[str, Any]:
 
 
 def files_of(directory: Path) -> set[str]:
-    """Names of a run's files; of TensorBoard's only the part that is the same for all runs."""
+    """Names of a run's files; those of TensorBoard without the part that differs between runs."""
     return {re.sub(r"(tfevents)\..*", r"\1", path.name) for path in directory.iterdir()}
 
 
 def fingerprint(directory: Path) -> dict[str, str]:
-    """Every path below a directory, with the hash of its content."""
+    """Every path below a directory with the hash of its content."""
     return {
         str(path.relative_to(directory)): (
             hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else "directory"
@@ -113,7 +113,7 @@ def fingerprint(directory: Path) -> dict[str, str]:
 
 
 def assert_is_an_error(finished: Finished, *parts: str, code: int = 2) -> None:
-    """The command failed with one or two lines on stderr that hold the parts, and no output."""
+    """Check that the command failed with the parts on one or two stderr lines, and no output."""
     assert finished.code == code
     assert finished.out == ""
     assert finished.err.startswith("error: ")
@@ -124,7 +124,7 @@ def assert_is_an_error(finished: Finished, *parts: str, code: int = 2) -> None:
 
 @contextmanager
 def file_size_limit(size: int) -> Iterator[None]:
-    """No file of this process can grow beyond ``size`` bytes: a disk that is full."""
+    """Like a full disk: no file of this process can grow beyond ``size`` bytes."""
     resource = pytest.importorskip("resource", reason="limits on file sizes are POSIX")
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
@@ -136,15 +136,16 @@ def file_size_limit(size: int) -> Iterator[None]:
 
 @contextmanager
 def without_privileges() -> Iterator[None]:
-    """Root without its right to pass over permissions, and with its right to what it owns.
+    """Remove root's right to ignore permissions, but not its rights to its own files.
 
-    Another user instead could perhaps not enter the checkout, below root's home for example.
+    Switching to another user might not work: it may be unable to enter the checkout, for example
+    below root's home.
     """
     if os.geteuid() != 0:
         yield
         return
     if sys.platform != "linux":
-        pytest.skip("permissions bind no root here")
+        pytest.skip("root ignores permissions here")
     library = ctypes.CDLL(None, use_errno=True)
     header = (ctypes.c_uint32 * 2)(_CAPABILITIES_VERSION, 0)  # of this thread
     sets = (ctypes.c_uint32 * 6)()  # effective, permitted, inheritable; and again, the higher bits
@@ -160,10 +161,10 @@ def without_privileges() -> Iterator[None]:
 
 
 class Audience(Reporter):
-    """A reporter that remembers what it is told, and calls a function after each update.
+    """A reporter that records its calls, and calls a function after each update.
 
     Args:
-        on_show: called with the episodes that are done.
+        on_show: a function, called with the finished episodes.
     """
 
     def __init__(self, on_show: Callable[[int], None] = lambda episodes: None) -> None:
@@ -184,7 +185,7 @@ class Audience(Reporter):
 
 
 def learned_files(directory: Path) -> tuple[bytes, bytes]:
-    """What of a run must be the same bit for bit, however often it was stopped."""
+    """The files of a run that must be the same bit for bit, however often it was stopped."""
     return (
         (directory / "episodes.csv").read_bytes(),
         (directory / "policy.safetensors").read_bytes(),
@@ -192,7 +193,7 @@ def learned_files(directory: Path) -> tuple[bytes, bytes]:
 
 
 class _InHalves:
-    """A file whose ``write`` takes two steps."""
+    """A file whose ``write`` happens in two steps."""
 
     def __init__(self, file: Any, tell: Callable[[str], None]) -> None:
         self._file, self._tell = file, tell
@@ -216,7 +217,7 @@ class _InHalves:
 
 
 def tell_of_file_steps(patch: pytest.MonkeyPatch, tell: Callable[[str], None]) -> None:
-    """Call ``tell`` with its name before each change of a file, and in the middle of each write."""
+    """Call ``tell`` with a step's name before each change of a file, and amid each write."""
 
     def telling(name: str) -> None:
         original = getattr(os, name)
@@ -247,7 +248,7 @@ def tell_of_file_steps(patch: pytest.MonkeyPatch, tell: Callable[[str], None]) -
 
 @contextmanager
 def signals_by_default() -> Iterator[None]:
-    """Signals that ask to stop do so, though the tests run under nohup or as a shell's job."""
+    """Let signals stop processes, even if tests run under nohup or as a background job."""
     names = ("SIGINT", "SIGTERM", "SIGHUP", "SIGUSR1", "SIGXCPU")
     numbers = [signal.Signals[name] for name in names if hasattr(signal, name)]
     before = {number: signal.signal(number, signal.SIG_DFL) for number in numbers}
@@ -260,16 +261,18 @@ def signals_by_default() -> Iterator[None]:
 
 
 def forked(task: Callable[[], object]) -> int:
-    """The number of a process that does the task and ends, with exit code 0 if it succeeded."""
+    """Start a process that does the task, with exit code 0 on success; return its number."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)  # xdist's threads are not our child's
+        warnings.simplefilter(
+            "ignore", DeprecationWarning
+        )  # the child does not have xdist's threads
         child = os.fork()
     if child:
         return child
     code = 70
     try:
         signal.signal(signal.SIGALRM, signal.SIG_DFL)
-        signal.alarm(120)  # whatever it waits for
+        signal.alarm(120)  # end it, whatever it waits for
         task()
         code = 0
     except BaseException:
@@ -279,12 +282,12 @@ def forked(task: Callable[[], object]) -> int:
 
 
 def killed_at_step(task: Callable[[], object], at: int, watch: Callable[..., None]) -> bool:
-    """Do the task in a process that is killed at a step; False where it ended before.
+    """Do the task in a process that is killed at a step; return False if it ended before.
 
     Args:
-        task: what to do.
-        at: number of the step, from 1.
-        watch: given a monkeypatch and a function, has that called before each step.
+        task: what the process does.
+        at: the number of the step, from 1.
+        watch: takes a monkeypatch and a function, and has the function called before each step.
     """
     steps = 0
 

@@ -1,4 +1,4 @@
-"""Run directories that were never trained, for tests of what reads them."""
+"""Run directories that were never trained, for tests of the code that reads them."""
 
 import json
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ POLICY = {"policy.safetensors": b"weights" * 50, "policy.json": b"{}\n"}
 
 
 def row(episode: int, **metrics: float) -> dict[str, float]:
-    """An episode whose metrics differ from column to column and from episode to episode."""
+    """An episode's row, whose values differ between columns and between episodes."""
     values = {name: place + episode / 7.0 for place, name in enumerate(COLUMNS)}
     whole = dict.fromkeys(WHOLE_NUMBERS, 0.0)
     return values | whole | {"episode": float(episode)} | metrics
@@ -34,17 +34,17 @@ def make_run(
     checkpoints: Sequence[int] = (),
     episodes: int = 3,
 ) -> Path:
-    """A run in a state; "died" is one whose process is gone.
+    """Make a run with a given status; "died" is a run whose process is gone.
 
     Args:
-        runs_dir: where.
-        name: of the run.
+        runs_dir: the directory in which it is made.
+        name: the name of the run.
         status: how it ended.
         log: its rows; by default as many as planned.
-        resets: episodes of resets.
-        config: values by "section.key", with two underscores for the dot.
-        checkpoints: episodes of checkpoints, with made-up content.
-        episodes: planned.
+        resets: the episodes of resets.
+        config: values by "section.key", with two underscores instead of the dot.
+        checkpoints: the episodes of checkpoints, with made-up content.
+        episodes: the number of episodes planned.
     """
     run = RunDirectory.create(
         runs_dir, name, tiny_config(episodes=episodes, **(config or {})), COMMAND
@@ -65,5 +65,5 @@ def make_run(
 
 
 def begin_run(runs_dir: Path, **options: Any) -> RunDirectory:
-    """A run that this process goes on writing."""
+    """Make a run that this process continues to write."""
     return RunDirectory.create(runs_dir, "live", tiny_config(**options), COMMAND)
