@@ -1,1 +1,1 @@
-"""What is measured rather than tested: speed as ratios within one run, studies, comparisons."""
+"""Measurements of speed and memory; speeds are compared as ratios within one run."""

@@ -1,6 +1,7 @@
 """BenchMARL's MAPPO on this project's PettingZoo environment, timed: for ``training_speed``.
 
-Runs in BenchMARL's environment with ``orchid_uav`` installed too, and prints one JSON document.
+This runs in BenchMARL's Python environment, with ``orchid_uav`` installed there too, and prints one
+JSON document.
 """
 
 import argparse
@@ -24,15 +25,17 @@ from studies.simple_spread.task import Settings
 
 
 class FleetTask(PettingZooClass):
-    """This project's environment in TorchRL's wrapper; ``slots`` are those of an episode."""
+    """This project's environment in TorchRL's wrapper; ``slots`` is the length of an episode."""
 
     def __init__(self, slots: int) -> None:
-        super().__init__("SIMPLE_SPREAD", {"max_cycles": slots})  # the name tells what it can do
+        super().__init__(
+            "SIMPLE_SPREAD", {"max_cycles": slots}
+        )  # the name determines its capabilities
 
     def get_env_fun(
         self, num_envs: int, continuous_actions: bool, seed: int | None, device: Any
     ) -> Callable[[], EnvBase]:
-        """Makes one world."""
+        """Return a function that makes one world."""
         return lambda: PettingZooWrapper(env=parallel_env(), return_state=True, seed=seed)
 
 
@@ -45,11 +48,11 @@ class _Parts(Callback):
         self.last_s = time.perf_counter()
 
     def on_batch_collected(self, batch: Any) -> None:
-        """Collecting has ended."""
+        """Note the end of collecting."""
         self.collecting_s += self._lap()
 
     def on_train_end(self, training_td: Any, group: str) -> None:
-        """Learning has ended."""
+        """Note the end of learning."""
         self.learning_s += self._lap()
 
     def _lap(self) -> float:
@@ -58,7 +61,7 @@ class _Parts(Callback):
 
 
 def train(settings: Settings, seed: int) -> dict[str, Any]:
-    """Seconds of the loop, after imports and construction."""
+    """Return the seconds of the training loop, after imports and construction."""
     parts = _Parts()
     with tempfile.TemporaryDirectory() as directory:
         task = FleetTask(settings.frames_per_iteration)
@@ -78,7 +81,7 @@ def train(settings: Settings, seed: int) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Command line: the settings as JSON, and a seed."""
+    """Read the settings, as JSON, and a seed from the command line, and train."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("settings", type=json.loads)
     parser.add_argument("seed", type=int)

@@ -1,9 +1,9 @@
-"""What ``orchid eval`` costs: the UAV study, and the same flights one world at a time.
+"""The time of ``orchid eval``: the UAV study, and the same flights one world at a time.
 
 The study is 7 UAV counts × 6 methods × 100 topologies on one core, from the drawing of the
-topologies to the last metric of the last episode; start-up, bootstrap intervals and plots apart.
+topologies to the last metric of the last episode, without start-up, bootstrap intervals and plots.
 
-"one at a time" is what one would write with the usual parts: a PettingZoo environment through
+"one at a time" is what one would build from the usual parts: a PettingZoo environment through
 SuperSuit to SB3, an SB3 model's ``predict`` on its rows, the metrics from its infos, and the
 further metrics (blocking pairs, GBS users, thrust) by the ``Diagnostics`` of ``orchid eval``. It is
 timed on a few episodes of every UAV count; the rules fly there, too, without ``predict``.
@@ -36,7 +36,7 @@ POLICY = "orchid"
 
 
 def plan(methods: Sequence[str]) -> Plan:
-    """The UAV study of some methods."""
+    """The UAV study with some methods."""
     settings = [Setting(uavs=uavs) for uavs in UAVS]
     return Plan(select(methods), settings, EPISODES, seed=0, world=Parameters())
 
@@ -67,7 +67,7 @@ def one_at_a_time_s(methods: Sequence[str]) -> float:
 
 
 def _model(env: VecEnv, actor: LocalActor) -> MAPPO:
-    """An SB3 model with a released actor."""
+    """Make an SB3 model with a released actor."""
     model = MAPPO("CentralizedCriticPolicy", env, n_steps=2)
     weights = model.policy.actor.state_dict()
     arrays = [array for layer in actor.layers for array in layer]
@@ -92,13 +92,13 @@ def _fly(env: VecEnv, model: MAPPO | None, rule: Controller, seed: int) -> dict[
             actions, _ = model.predict(observations, deterministic=True)
         last = int(world.arrays.slot[0])
         observations, _, _, infos = env.step(actions)
-        if world.arrays.slot[0] > last:  # else the next episode has begun
+        if world.arrays.slot[0] > last:  # otherwise the next episode has begun
             diagnostics.observe()
     return infos[0]["episode_metrics"] | diagnostics.episode_metrics(0)
 
 
 def main() -> None:
-    """Measure, print, write."""
+    """Measure, print and write."""
     options = arguments(__doc__.splitlines()[0], repetitions=3)
     torch.set_num_threads(1)
     with threadpool_limits(1):

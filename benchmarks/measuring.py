@@ -1,4 +1,4 @@
-"""What the benchmarks have in common: alternating repetitions and their record."""
+"""What the benchmarks share: alternating repetitions, and how they are recorded."""
 
 import argparse
 import ctypes
@@ -17,11 +17,11 @@ from studies.recording import add_allow_changes, require_commit
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # malloc.h
 
 Case = Callable[[int], float]
-"""Measures once; its argument is the number of the repetition, from 0."""
+"""A function that measures once; its argument is the number of the repetition, from 0."""
 
 
 def arguments_parser(description: str, repetitions: int) -> argparse.ArgumentParser:
-    """What every benchmark takes."""
+    """A parser with the options that every benchmark takes."""
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument("--json", type=Path, metavar="FILE", help="write all numbers there")
     parser.add_argument(
@@ -35,7 +35,7 @@ def arguments_parser(description: str, repetitions: int) -> argparse.ArgumentPar
 
 
 def arguments(description: str, repetitions: int) -> argparse.Namespace:
-    """The command line of a benchmark that takes nothing else."""
+    """Parse the command line of a benchmark without further options."""
     parser = arguments_parser(description, repetitions)
     options = parser.parse_args()
     require_commit(parser, options, options.json)
@@ -43,10 +43,10 @@ def arguments(description: str, repetitions: int) -> argparse.Namespace:
 
 
 def alternate(cases: Mapping[str, Case], repetitions: int) -> dict[str, dict[str, Any]]:
-    """{"median", "repetitions"} of every case by its name.
+    """Measure all cases; return {"median", "repetitions"} of each by its name.
 
-    Cases take turns, and another one begins each time, so that a machine that slows down or is
-    disturbed for a while does so for all of them. A first round, not recorded, warms up.
+    Cases take turns, and each round begins with another one, so that a machine that is slow or
+    disturbed for a while affects all of them. A first round warms up and is not recorded.
     """
     names = list(cases)
     results: dict[str, list[float]] = {name: [] for name in names}
@@ -63,29 +63,29 @@ def alternate(cases: Mapping[str, Case], repetitions: int) -> dict[str, dict[str
 
 
 def ratio(results: Mapping[str, Mapping[str, Any]], over: str, under: str) -> float:
-    """Median over the rounds of one case's result divided by the other's in the same round."""
+    """Median over rounds of one case's result divided by the other's in the same round."""
     pairs = zip(results[over]["repetitions"], results[under]["repetitions"], strict=True)
     return round(statistics.median(one / other for one, other in pairs), 2)
 
 
 def _rounded(value: Any) -> Any:
-    """Five digits, which is more than a repetition gives again."""
+    """Round to five digits, which is more than a repetition reproduces."""
     if isinstance(value, list):
         return [_rounded(one) for one in value]
     return float(f"{value:.5g}")
 
 
 def keep_freed_memory(keep: bool) -> None:
-    """Whether glibc keeps freed memory of some 100 kB, or hands it back and fetches it anew.
+    """Make glibc keep freed blocks of some 100 kB, or return them to the system.
 
-    A process hands it back at first, at a considerable cost to programs with large temporaries,
-    and keeps it as soon as it has freed one larger array. Other C libraries are left as they are.
+    At first a process returns them, at a considerable cost to programs with large temporaries. It
+    keeps them as soon as it has freed one larger array. Other C libraries are not changed.
     """
     if sys.platform != "linux":
         return
     library = ctypes.CDLL(None)
     if hasattr(library, "mallopt"):
-        threshold = 32 << 20 if keep else 128 << 10  # the greatest, and the one at first
+        threshold = 32 << 20 if keep else 128 << 10  # the greatest threshold, and the initial one
         library.mallopt(_M_MMAP_THRESHOLD, threshold)
         library.mallopt(_M_TRIM_THRESHOLD, threshold)
 

@@ -1,4 +1,4 @@
-"""The simulator's step in plain NumPy: the yard-stick of its speed, and a second opinion on it.
+"""The simulator's step in plain NumPy, as a reference for its speed and its results.
 
 One call of :func:`step_worlds` does to the arrays of :class:`orchid_uav.envs.arrays.Worlds` what
 the compiled function of that name does, with the same equations, but on whole arrays: no Python
@@ -58,14 +58,14 @@ def step_worlds(
     progress: float,
     prune: bool = False,
 ) -> None:
-    """Move every world on by one slot, in place.
+    """Advance every world by one slot, in place.
 
     Args:
-        constants: of the parameters that the worlds were made with.
-        worlds: B worlds in the midst of their episodes.
-        actions: (B, N, 4), clipped here to [-1, 1].
+        constants: the constants of the parameters with which the worlds were made.
+        worlds: B worlds in the middle of their episodes.
+        actions: (B, N, 4); they are clipped here to [-1, 1].
         progress: training progress tau in [0, 1], which sets the weights.
-        prune: rule UAVs out before any logarithm is taken, as the compiled step does.
+        prune: exclude UAVs before any logarithm is taken, as the compiled step does.
     """
     _move_uavs(constants, worlds, actions)
     if constants.user_speed_mps > 0.0:
@@ -143,7 +143,7 @@ def _first_bins(world_count: int, bins: int) -> Integers:
 
 
 def _sum_by_bin(bin_of: Integers, bins: int, weights: Floats | None = None) -> NDArray[np.generic]:
-    """Counts, or sums of weights, (B, bins), of entries (B, M) that say into which bin they go."""
+    """Counts or sums of weights per bin, (B, bins); ``bin_of`` (B, M) holds each entry's bin."""
     flat = (bin_of + _first_bins(len(bin_of), bins)).ravel()
     summed = np.bincount(flat, None if weights is None else weights.ravel(), len(bin_of) * bins)
     return summed.reshape(len(bin_of), bins)
@@ -169,7 +169,7 @@ def _serve(constants: Constants, worlds: Worlds, prune: bool) -> None:
 
 
 def _received_from_all_w(constants: Constants, worlds: Worlds, ground_squared_m2: Floats) -> Floats:
-    """Received powers (B, N, M); ``ground_squared_m2`` is used up."""
+    """Received powers (B, N, M); ``ground_squared_m2`` is overwritten."""
     path_loss_db = air_to_ground_path_loss_db(
         np.sqrt(ground_squared_m2, out=ground_squared_m2),
         worlds.positions_m[..., 2, None],
@@ -183,9 +183,9 @@ def _received_from_all_w(constants: Constants, worlds: Worlds, ground_squared_m2
 def _received_from_few_w(constants: Constants, worlds: Worlds, ground_squared_m2: Floats) -> Floats:
     """Received powers (B, N, M), 0 for UAVs that cannot be a user's strongest.
 
-    The first rule of :mod:`orchid_uav.envs.association`: next to the nearest UAV, distances
-    weighted by power, only those seen higher count. It needs ``LOSS_ALLOWS_PRUNING``. The second
-    rule would spare few of the links that are left, for more passes over all of them.
+    This is the first rule of :mod:`orchid_uav.envs.association`: besides the nearest UAV, with
+    distances weighted by power, only UAVs seen at a higher elevation can be the strongest. It needs
+    ``LOSS_ALLOWS_PRUNING``. The second rule would exclude few further links, but need more passes.
     """
     altitude_m = worlds.positions_m[..., 2]
     altitude_squared = np.square(altitude_m)[..., None]
@@ -219,7 +219,7 @@ def _first_of_equals(is_best: NDArray[np.bool_]) -> Integers:
 
 def _share(constants: Constants, worlds: Worlds, served: NDArray[np.bool_]) -> None:
     uavs = worlds.loads.shape[1]
-    cell = worlds.association + 1  # users who are not served share bin 0
+    cell = worlds.association + 1  # users that are not served share bin 0
     worlds.loads[:] = _sum_by_bin(cell, uavs + 1)[:, 1:]
     efficiency = np.where(served, worlds.spectral_efficiency, 1.0)
     rule = constants.share_rule
@@ -289,7 +289,7 @@ def _score(constants: Constants, worlds: Worlds, progress: float) -> None:
 
     rate_term = rate_jfi
     if constants.rewards_log_rates:
-        # A rate of 0, as of all users but the targets, has utility 0.
+        # A rate of 0, which all users but the targets have, has utility 0.
         utility = log_rate_utility(rates, constants.log_rate_floor_bps, constants.best_rate_bps)
         rate_term = utility.sum(axis=1) / np.maximum(target_count, 1)
     shared = composite_reward(

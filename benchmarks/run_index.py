@@ -1,9 +1,9 @@
-"""What ``orchid runs list`` takes with a thousand runs.
+"""The time of ``orchid runs list`` with a thousand runs.
 
-The runs have the episodes and the policy of a released one, and ids, seeds and metrics of their
-own; files that a listing does not read are hard links. Measured are the whole command, with its
-output as for a file and as for a terminal, the reading and sorting alone, and what any command or
-Python itself takes to start.
+The runs have the episodes and the policy of a released run, but their own ids, seeds and metrics;
+files that a listing does not read are hard links. Measured are the whole command, with its output
+as for a file and as for a terminal, the reading and sorting alone, and the start of any command
+and of Python itself.
 """
 
 import hashlib
@@ -35,7 +35,7 @@ WHERE, SORT = "reset.kappa=0.5", "-rate_jfi"
 
 
 def make_runs(runs_dir: Path, count: int) -> None:
-    """Write run directories that differ in seed, factor at a reset, and figures."""
+    """Write run directories that differ in seed, factor at a reset, and metrics."""
     rows = read_episodes(POLICY / EPISODES_FILE)
     template = RunDirectory.create(runs_dir, "lab", RunConfig(), ["orchid", "train"])
     template.append_episodes(rows)
@@ -91,7 +91,7 @@ def reading_s(directory: Path) -> float:
 
 
 def main() -> None:
-    """Measure, print, write."""
+    """Measure, print and write."""
     options = arguments(__doc__.splitlines()[0], repetitions=15)
     with tempfile.TemporaryDirectory() as name:
         directory = Path(name)

@@ -1,20 +1,21 @@
 """Speed of the simulator on one core, against plain NumPy and against mobile-env.
 
-All cases of ours fly 6 UAVs among 100 users, observations and global state included, with fresh
-random actions every slot out of one pool made beforehand. A world-step is one slot of one world.
-Unless resets are named, time is taken over the 200 slots of an episode without the reset before it.
+All our cases fly 6 UAVs among 100 users, including observations and global state, with new random
+actions every slot from a pool made beforehand. A world-step is one slot of one world. Unless resets
+are named, the time is that of the 200 slots of an episode, without the reset before it.
 
 The NumPy version (:mod:`benchmarks.numpy_world`) computes the same arrays from the same equations.
-It comes twice: "numpy" evaluates all links, as anybody would write it; "numpy, few links" leaves
-out most of them, as the compiled step does. "compiled, all links" is the compiled step without
-that. All but those named "fresh process" run with a C library that keeps freed memory, which helps
-NumPy with its large temporaries: see :func:`benchmarks.measuring.keep_freed_memory`.
+There are two variants: "numpy" evaluates all links, as one would usually write it; "numpy, few
+links" leaves out most of them, as the compiled step does. "compiled, all links" is the compiled
+step that evaluates all links. All cases except those named "fresh process" run with a C library
+that keeps freed memory, which helps NumPy with its large temporaries: see
+:func:`benchmarks.measuring.keep_freed_memory`.
 
-mobile-env (PyPI) is a Gymnasium environment of a cellular network: an object per station and
-user, loops over both. Here it has 5 fixed stations, those of its large scenario numbered 0 to 4,
-and 100 walking users, Okumura-Hata loss, equal shares, its central agent's observation, and random
-connection wishes as actions. It knows no batch, no flight, no propulsion and no fairness, so a
-step of it is less work than a world-step of ours. It is left out where it is not installed.
+mobile-env (PyPI) is a Gymnasium environment of a cellular network, with an object per station and
+user, and loops over both. Here it has 5 fixed stations (numbers 0 to 4 of its large scenario), 100
+walking users, Okumura-Hata loss, equal shares, the observation of its central agent, and random
+requests for connections as actions. It has no batches, flight, propulsion or fairness, so one of
+its steps is less work than one of our world-steps. It is left out where it is not installed.
 """
 
 import importlib.metadata
@@ -51,10 +52,10 @@ Step = Callable[..., None]
 
 
 def compiled_without_pruning() -> Step:
-    """The compiled step, but association evaluates every link.
+    """Make a compiled step whose association evaluates every link.
 
-    Compiled code keeps the constants that it was compiled with, and numba's cache does not tell
-    the two apart: hence second copies of the modules, which leave the cache alone.
+    Compiled code keeps the constants with which it was compiled, and numba's cache does not
+    distinguish the two. So this makes second copies of the modules, which do not use the cache.
     """
     compiler = numba.njit
 
@@ -98,7 +99,7 @@ def batch_speed(
 
 
 def fresh_process_speed(case: Case, repetition: int) -> float:
-    """The case's, with a C library that handles memory as it does at first."""
+    """The speed of a case with a C library that handles memory as in a new process."""
     keep_freed_memory(False)
     try:
         return case(repetition)
@@ -151,7 +152,7 @@ def mobile_env_speed(repetition: int) -> float:
 
 
 def cases() -> dict[str, Case]:
-    """All cases; each gives world-steps per second."""
+    """All cases; each returns world-steps per second."""
     still, single = WorldBatch(worlds=WORLDS), WorldBatch(worlds=1)
     moving = WorldBatch(Parameters().with_overrides({"user_speed_mps": MOVING_MPS}), WORLDS)
     shape = (SLOTS, WORLDS, still.uav_count, ACTION_SIZE)
@@ -201,7 +202,7 @@ RATIOS = {
     "compiled, moving users / mobile-env": ("compiled, moving users", "mobile-env"),
     "SB3 interface, 1 world / mobile-env": ("SB3 interface, 1 world", "mobile-env"),
 }
-"""What is divided by what."""
+"""Ratios by name: the case divided, and the case by which it is divided."""
 
 
 def main() -> None:

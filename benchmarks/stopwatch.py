@@ -1,4 +1,4 @@
-"""Where the time of a program goes, by wrapping a few of its functions."""
+"""Measure where a program spends its time, by wrapping a few of its functions."""
 
 import time
 from collections import defaultdict
@@ -10,7 +10,7 @@ from unittest import mock
 
 
 class Stopwatch:
-    """Seconds spent in some functions, told apart by which of them called which."""
+    """Seconds spent in some functions, separately for each path of calls between them."""
 
     def __init__(self) -> None:
         self._seconds: dict[tuple[str, ...], float] = defaultdict(float)
@@ -40,7 +40,7 @@ class Stopwatch:
         return timed
 
     def exclusive_s(self) -> dict[tuple[str, ...], float]:
-        """Seconds by path of labels, without those of the watched functions called from there."""
+        """Seconds by path of labels, without the time of watched functions called from there."""
         own = dict(self._seconds)
         for path, seconds in self._seconds.items():
             if path[:-1] in own:

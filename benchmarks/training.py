@@ -1,14 +1,14 @@
-"""What a training run costs beyond the gradient steps themselves, and its memory.
+"""The time of a training run compared with its gradient steps alone, and its memory.
 
 "learning loop" is the loop as ``orchid train`` runs it: the paper's configuration, episodes.csv,
-TensorBoard's events and the live display (on a terminal that goes nowhere). Its seconds begin after
-imports and compilation, as those of ``orchid train --json``.
+TensorBoard's events and the live display (on a terminal whose output is discarded). Its time begins
+after imports and compilation, as in ``orchid train --json``.
 
 "bare updates" is the least that an implementation in torch has to do for as many gradient steps:
-forward passes, losses, backward passes, clipping and optimizer steps, on the minibatches of one
-stored rollout that lie ready. No environment, no rollout, no shuffling, no figures. Before each
-episode's worth of updates the weights are put back, outside the time taken, so that the rollout
-stays one of theirs.
+forward passes, losses, backward passes, clipping and optimizer steps, on prepared minibatches of
+one stored rollout. There is no environment, no rollout, no shuffling and no logging. Before the
+updates of each episode the weights are restored, outside the measured time, so that the rollout
+still belongs to them.
 
 Both take turns in one process with one thread.
 """
@@ -82,12 +82,12 @@ SHARES = {
     "callbacks": "rollout: callbacks at every step",
     "rollout": "rollout: rest",
 }
-"""What the time under a label is called; of several labels in a path the first here counts."""
+"""Titles of the time under each label; of several labels in a path the first here counts."""
 REST = "rest of the loop"
 
 
 def configuration(episodes: int, seed: int) -> RunConfig:
-    """The paper's, but shorter."""
+    """The paper's configuration with fewer episodes."""
     paper = RunConfig().model_dump()
     paper["training"] |= {"episodes": episodes, "seed": seed}
     return RunConfig.model_validate(paper)
@@ -102,7 +102,7 @@ def learning_loop_s(episodes: int, repetition: int) -> float:
         trackers = [open_tracker("tensorboard", run.path, config)]
         outcome = loop.train(config, run, LiveReporter(terminal), trackers)
     if outcome.status != "completed":
-        raise RuntimeError(f"the run is {outcome.status}: its time says nothing")
+        raise RuntimeError(f"the run is {outcome.status}, so its time cannot be used")
     return outcome.seconds
 
 
@@ -131,7 +131,7 @@ class BareUpdates:
         return [len(batch.actions) for batch in self._minibatches]
 
     def seconds(self, episodes: int, repetition: int) -> float:
-        """Seconds of as many gradient steps as so many episodes take."""
+        """Seconds of the gradient steps of ``episodes`` episodes."""
         total_s = 0.0
         for _ in range(episodes):
             self._policy.load_state_dict(self._weights)
@@ -180,13 +180,13 @@ def update_phase_s(flush: bool, repetition: int) -> float:
 
 
 def spent_s() -> dict[str, float]:
-    """Seconds per episode of the learning loop, by what they are spent on, most first."""
+    """Seconds per episode of the learning loop by what takes them, the largest first."""
     watch = Stopwatch()
     with watch.watching(WATCHED):
         total_s = learning_loop_s(EPISODES, repetition=0)
     spent = dict.fromkeys([*SHARES.values(), REST], 0.0)
     for path, seconds in watch.exclusive_s().items():
-        if path[0] in ("rollout", "update", "log"):  # others come before the loop
+        if path[0] in ("rollout", "update", "log"):  # other functions are called before the loop
             spent[next(SHARES[label] for label in SHARES if label in path)] += seconds
     spent[REST] = total_s - sum(spent.values())
     return {
@@ -196,9 +196,9 @@ def spent_s() -> dict[str, float]:
 
 
 def peak_memory_mib() -> dict[str, float]:
-    """Greatest resident memory of ``orchid train``, while it compiles the simulator and else.
+    """Greatest resident memory of ``orchid train``, with and without compiling the simulator.
 
-    A process between the two measures it: right after the fork a child's figure is its parent's.
+    A process in between measures it, since right after the fork a child has its parent's value.
     """
     launcher = (
         "import resource, subprocess, sys\n"

@@ -1,19 +1,18 @@
 """Training beside BenchMARL's MAPPO: on this project's environment, and on simple_spread.
 
-On this project's environment ``orchid train`` flies the paper's network as users have it: with
-checkpoints, log and TensorBoard's events. BenchMARL's MAPPO does so in TorchRL's wrapper and logs
+On this project's environment ``orchid train`` trains on the paper's network as users run it: with
+checkpoints, log and TensorBoard's events. BenchMARL's MAPPO uses TorchRL's wrapper and logs
 nothing. Both fly one world, update after every episode of 200 slots for 4 epochs, and have networks
-of the same layers. A minibatch is 128 samples of one UAV each here and 21 frames of six UAVs there:
-ten gradient steps an epoch on either side.
+with the same layers. A minibatch has 128 samples of one UAV each in ``orchid train``, and 21 frames
+of six UAVs in BenchMARL. So both take ten gradient steps per epoch. BenchMARL uses fused Adam here,
+like ours, which is not its default.
 
-There, BenchMARL has fused Adam like ours, which is not its default.
+On simple_spread the settings are those of ``studies.simple_spread.study``. "mappo-stock" is
+BenchMARL's MAPPO in TorchRL's wrapper, and "mappo" the same in the validation's batch of worlds.
+Judging is outside the measured time.
 
-On simple_spread the settings are those of ``studies.simple_spread.study``; "mappo-stock" is
-BenchMARL's in TorchRL's wrapper, "mappo" in the batch of worlds that the validation gives it.
-Judging is outside the time taken.
-
-Everything is a process of its own with one thread; seconds begin after imports and construction,
-and the cases take turns.
+Every case is a process of its own with one thread. Time begins after imports and construction, and
+the cases take turns.
 """
 
 import json
@@ -47,12 +46,12 @@ FLEET_SETTINGS = {
     "clip_range": _PPO.clip_ratio,
     "max_grad_norm": _PPO.max_grad_norm,
 }
-"""Of BenchMARL's run, as of ``studies.simple_spread.task.Settings``."""
+"""Settings of BenchMARL's run, with the names of ``studies.simple_spread.task.Settings``."""
 SPREAD_ARMS = {
     "orchid mappo": ["benchmarl mappo", "benchmarl mappo-stock"],
     "orchid maddpg": ["benchmarl maddpg", "agilerl maddpg"],
 }
-"""Ours, and what is set beside it."""
+"""Our learner, and the learners compared with it."""
 
 
 def orchid_s(repetition: int) -> float:
@@ -64,7 +63,7 @@ def orchid_s(repetition: int) -> float:
 
 
 def benchmarl_s(python: str, parts: list[dict[str, Any]], repetition: int) -> float:
-    """Seconds of BenchMARL on the same environment; what they were spent on goes to ``parts``."""
+    """Seconds of BenchMARL on the same environment; their parts are appended to ``parts``."""
     command = [python, "-m", "benchmarks.benchmarl_fleet", json.dumps(FLEET_SETTINGS)]
     parts.append(json.loads(_output([*command, str(repetition)]).splitlines()[-1]))
     return parts[-1]["seconds"]
