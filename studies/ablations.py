@@ -1,7 +1,7 @@
 """The ablations that the documentation shows: ``make ablation``.
 
-Each is one ``orchid ablate`` command. With the directory of one that was begun or is finished, it
-goes on there; what is kept is ``ablation.json`` without digits that nobody reads.
+Each is one ``orchid ablate`` command. Given the directory of an ablation that was begun or is
+finished, it continues there. Its ``ablation.json`` is kept, with rounded numbers.
 """
 
 import argparse
@@ -38,14 +38,14 @@ def compact(name: str, directory: Path) -> None:
 
 
 def main() -> None:
-    """Run all, or the one named."""
+    """Run all ablations, or the named one."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("name", nargs="?", choices=ABLATIONS, metavar="ABLATION")
     parser.add_argument("--out", type=Path, help="directory of the study; needs a name")
     add_allow_changes(parser)
     arguments = parser.parse_args()
     if arguments.out and not arguments.name:
-        parser.error("--out is that of one ablation: name it")
+        parser.error("--out is the directory of one ablation: name the ablation")
     require_commit(parser, arguments, RESULTS)
     for name in [arguments.name] if arguments.name else ABLATIONS:
         with tempfile.TemporaryDirectory() as temporary:

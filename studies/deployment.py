@@ -1,7 +1,7 @@
 """One flight for the picture of a deployment: ``python -m studies.deployment``.
 
-The first topology that every evaluation flies, with drones that circle the places where Phase I
-put them (``loiter-mmf``), half-way through the episode.
+It is the first topology that every evaluation flies, half-way through the episode, with drones
+that circle the places where Phase I put them (``loiter-mmf``).
 """
 
 import argparse
@@ -17,7 +17,7 @@ RESULT = RESULTS / "deployment.json"
 
 
 def fly() -> dict[str, Any]:
-    """Where everybody is half-way through, who serves whom, and how fast."""
+    """Positions half-way through the episode, who serves whom, and at which rate."""
     env = parallel_env(uavs=6, users=100, distribution="tcp", objective="mmf")
     seed = evaluation_seeds(0, 1)[0]
     env.reset(seed=seed)
@@ -54,7 +54,7 @@ def fly() -> dict[str, Any]:
 
 
 def main() -> None:
-    """Fly and write."""
+    """Fly the episode and write the result."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--json", type=Path, default=RESULT, metavar="FILE")
     add_allow_changes(parser)

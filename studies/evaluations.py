@@ -1,6 +1,6 @@
 """The evaluations that the documentation shows: ``make studies``.
 
-Each is one ``orchid eval`` command; its summary is kept without what nobody reads at six digits.
+Each is one ``orchid eval`` command; its summary is kept with rounded numbers.
 """
 
 import argparse
@@ -72,7 +72,7 @@ def run(name: str) -> None:
 
 
 def planner_wins(rows: list[dict[str, Any]]) -> dict[str, float]:
-    """By method, the share of its flights in which the planner has the higher utility."""
+    """For each method, the share of its flights in which the planner has the higher utility."""
     names = ("distribution", "uavs", "users", "speed_mps", "heading_hold_s", "episode")
     planned = {
         tuple(row[name] for name in names): row["utility"]
@@ -90,7 +90,7 @@ def planner_wins(rows: list[dict[str, Any]]) -> dict[str, float]:
 
 
 def main() -> None:
-    """Run all, or those named."""
+    """Run all evaluations, or the named ones."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("names", nargs="*", metavar="STUDY")
     add_allow_changes(parser)

@@ -1,4 +1,4 @@
-"""The results of studies: how they are written and read."""
+"""Write and read the results of studies."""
 
 import argparse
 import json
@@ -25,27 +25,27 @@ RESULTS = ROOT / "studies" / "results"
 RECORDS = (RESULTS, ROOT / "runs" / "reference")
 """Folders of committed results."""
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-"""Environment of a process that is to keep to one core."""
+"""Environment variables that keep a process to one core."""
 
 
 def add_allow_changes(parser: argparse.ArgumentParser) -> None:
-    """The option of every program that records."""
+    """Add the option that every recording program has."""
     parser.add_argument(
         "--allow-changes",
         action="store_true",
-        help="record from a checkout with changes that are not committed, too",
+        help="record even if the checkout has uncommitted changes",
     )
 
 
 def require_commit(
     parser: argparse.ArgumentParser, options: argparse.Namespace, path: Path | None
 ) -> None:
-    """End before anything is measured if it is to be kept and cannot be found again by a commit.
+    """Exit before measuring if the result would be committed but no commit holds the code.
 
     Args:
-        parser: which tells it.
-        options: of a parser with :func:`add_allow_changes`.
-        path: where the result is to be written; only the folders of ``RECORDS`` are kept.
+        parser: the parser that reports the error.
+        options: parsed options, with that of :func:`add_allow_changes`.
+        path: where the result will be written; only folders in ``RECORDS`` are committed.
     """
     if options.allow_changes or path is None:
         return
@@ -53,20 +53,20 @@ def require_commit(
         return
     commit = git_commit()
     if commit is None:
-        why = "this is no checkout of git"
+        why = "this is not a git checkout"
     elif commit.endswith(CHANGES):
-        why = "this checkout has changes that are not committed: commit them"
+        why = "this checkout has uncommitted changes: commit them"
     else:
         return
     parser.error(
-        f"{path} is kept with the commit it was made from, and {why}, or give --allow-changes"
+        f"{path} must name the commit from which it was made, but {why}, or give --allow-changes"
     )
 
 
 def record(settings: Mapping[str, Any], **measured: Any) -> dict[str, Any]:
-    """A result with all that is needed to judge it and to get it again.
+    """A result with everything that is needed to judge and to reproduce it.
 
-    Where ``measured`` names what stands there anyway, such as the command, theirs is taken.
+    ``measured`` replaces entries that are otherwise filled in, such as the command.
     """
     host = describe_host()
     del host["name"]
@@ -86,7 +86,7 @@ DIGITS = 6
 
 
 def write_result(path: Path, document: dict[str, Any], beginnings: Sequence[str]) -> None:
-    """A compact result, with a line for each of the ``beginnings``: a change shows what changed."""
+    """Write compact JSON with a line for each of the ``beginnings``, for readable diffs."""
     text = json.dumps(rounded(document), ensure_ascii=False, separators=(",", ":"))
     for beginning in beginnings:
         text = text.replace(beginning, f"\n{beginning}")
@@ -94,7 +94,7 @@ def write_result(path: Path, document: dict[str, Any], beginnings: Sequence[str]
 
 
 def rounded(value: Any) -> Any:
-    """A document without what nobody reads at six digits."""
+    """A document with its fractional numbers rounded."""
     if isinstance(value, float):
         return float(f"{value:.{DIGITS}g}")
     if isinstance(value, list):
@@ -108,7 +108,7 @@ class StudySummary(EvaluationSummary):
     """The committed summary of an evaluation."""
 
     planner_wins: dict[str, float]
-    """By method, the share of its flights in which the planner has the higher utility."""
+    """For each method, the share of its flights in which the planner has the higher utility."""
 
 
 def read_evaluation(name: str) -> StudySummary:
@@ -117,10 +117,10 @@ def read_evaluation(name: str) -> StudySummary:
 
 
 def read_ablation(name: str) -> AblationResult:
-    """The committed result of an ablation."""
+    """Read the committed result of an ablation."""
     return AblationResult.from_json(read(name))
 
 
 def read(name: str) -> dict[str, Any]:
-    """A committed result of any kind."""
+    """Read a committed result of any kind."""
     return json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8"))

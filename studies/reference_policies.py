@@ -1,9 +1,9 @@
 """Train the released policies by their documented commands: ``make reference``.
 
-Each run of ``orchid train`` is made in a runs directory of its own and copied to
-``runs/reference/KEY``: configuration, episodes, weights and record; of the record all but what
-names the machine and the process. ``evaluation.json`` keeps what the policy does on a few
-topologies, for a test to fly them again.
+Each run of ``orchid train`` is made in a runs directory of its own. Its configuration, episodes,
+weights and record are copied to ``runs/reference/KEY``, the record without what names the machine
+and the process. ``evaluation.json`` holds what the policy does on a few topologies; a test flies
+them again.
 """
 
 import argparse
@@ -42,7 +42,7 @@ def train(key: str, runs_dir: Path) -> Path:
 
 
 def release(run: Path, key: str) -> None:
-    """Copy what others need of a run."""
+    """Copy the files of a run that others need."""
     record = json.loads((run / "run.json").read_text(encoding="utf-8"))
     if record["status"] != "completed":
         raise RuntimeError(f"{run} is {record['status']}")
@@ -67,17 +67,17 @@ def fly(key: str) -> dict[str, list[float]]:
 
 
 def main() -> None:
-    """Train all, or those named, side by side."""
+    """Train all policies, or the named ones, in parallel."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("keys", nargs="*", metavar="KEY")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
-    parser.add_argument("--fly-alone", action="store_true", help="fly again what was trained")
+    parser.add_argument("--fly-alone", action="store_true", help="train nothing, fly again")
     add_allow_changes(parser)
     arguments = parser.parse_args()
     if unknown := set(arguments.keys) - set(COMMANDS):
         parser.error(f"unknown: {', '.join(unknown)}; known: {', '.join(COMMANDS)}")
     require_commit(parser, arguments, REFERENCE)
-    # The longest first, so that no processor idles at the end.
+    # The longest runs first, so that no processor idles at the end.
     keys = sorted(arguments.keys or COMMANDS, key=lambda key: "maddpg" not in COMMANDS[key])
     if arguments.fly_alone:
         for key in keys:

@@ -1,8 +1,9 @@
 """The same tuning effort for both algorithms: ``python -m studies.tuning --json FILE``.
 
-A random search over what a practitioner would turn, the first trial being the defaults, with as
-many trials, episodes and topologies for the one as for the other. Seeds and topologies are used
-for this alone. The score is the mean utility at training progress 1 of the deterministic policy.
+This is a random search over the settings that a practitioner would tune; the first trial has the
+defaults. Both algorithms get the same numbers of trials, episodes and topologies. Seeds and
+topologies are used for nothing else. The score is the mean utility of the deterministic policy at
+training progress 1.
 """
 
 import argparse
@@ -54,7 +55,7 @@ def trials(algorithm: str, count: int) -> list[dict[str, Any]]:
 
 
 def configure(algorithm: str, values: dict[str, Any], episodes: int) -> RunConfig:
-    """The run of one trial."""
+    """The configuration of one trial."""
     layer = {
         "training.algorithm": algorithm,
         "training.seed": SEED,
@@ -73,7 +74,7 @@ def score(contender: Contender) -> dict[str, float]:
 
 
 def run_trial(algorithm: str, values: dict[str, Any], episodes: int) -> dict[str, Any]:
-    """Train and score."""
+    """Train one trial and score it."""
     config = configure(algorithm, values, episodes)
     with tempfile.TemporaryDirectory() as directory:
         run = RunDirectory.create(Path(directory), "tuning", config, [])

@@ -22,13 +22,13 @@ _HEADS = ("metric", "difference [95 %]", "relative", "P(better)", "p (Holm)", "v
 
 
 def must_hold(holds: bool, words: str) -> None:
-    """Words were written to results: those of another result need other words.
+    """Check that words written for earlier results are still true of the committed ones.
 
     Raises:
-        ValueError: they do not follow from the results that are committed now.
+        ValueError: the words do not follow from the results that are committed now.
     """
     if not holds:
-        raise ValueError(f"'{words}' does not follow from the committed results any more")
+        raise ValueError(f"'{words}' no longer follows from the committed results")
 
 
 def doing_nothing(document: AblationResult, deterministic: bool = True) -> float:
@@ -41,14 +41,14 @@ def doing_nothing(document: AblationResult, deterministic: bool = True) -> float
 
 
 def above_doing_nothing(document: AblationResult, name: str) -> list[float]:
-    """Of the seeds whose deterministic policy exceeds doing nothing: by how much."""
+    """By how much the deterministic policy exceeds doing nothing, for each seed where it does."""
     zero = doing_nothing(document)
     utilities = [run.evaluation["utility"] for run in document.runs if run.variant == name]
     return sorted(utility - zero for utility in utilities if utility is not None and utility > zero)
 
 
 def _better_seeds(document: AblationResult, name: str) -> str:
-    """How many are above doing nothing, such as "2 of 10 (by 0.009, 0.066)"."""
+    """How many seeds are above doing nothing, such as "2 of 10 (by 0.009, 0.066)"."""
     gains = above_doing_nothing(document, name)
     count = sum(run.variant == name for run in document.runs)
     by = f" (by {', '.join(f'{gain:.3f}' for gain in gains)})" if gains else ""
@@ -56,7 +56,7 @@ def _better_seeds(document: AblationResult, name: str) -> str:
 
 
 def _check_effects(document: AblationResult) -> None:
-    """That Reset-and-Finetune makes a small difference in training, and shows none elsewhere."""
+    """Check that Reset-and-Finetune shows a small difference in training, and none elsewhere."""
     found = {kind: document.comparisons[kind]["no-rf"] for kind in document.comparisons}
     unseen = [one.verdict for kind in ("evaluation", "sampled") for one in found[kind].values()]
     must_hold(
@@ -82,7 +82,7 @@ def _check_effects(document: AblationResult) -> None:
 
 
 def summary_block() -> str:
-    """The results in words; the numbers are the document's, the words are held to them."""
+    """The results in words, which are checked against the document's numbers."""
     document = read_ablation(NAME)
     _check_effects(document)
     flown, trained = (document.comparisons[kind]["no-rf"] for kind in ("evaluation", "training"))
@@ -149,7 +149,7 @@ def effects_block() -> str:
 
 
 def controls_block() -> str:
-    """Which half of Reset-and-Finetune does what it does."""
+    """Which half of Reset-and-Finetune has which effect."""
     document = read_ablation(CONTROLS)
     rows = [
         [f"`{name}`", METRICS[metric].heading, *_control_cells(document, name, metric)]
@@ -203,7 +203,7 @@ def twins_block() -> str:
 
 
 def _without_repetition(others: Sequence[EvaluationResult]) -> dict[str, EvaluationResult]:
-    """One twin, one noise alone, and the rules; all twins of one start do the same."""
+    """One twin, the noise alone once, and the rules; all twins with one start do the same."""
     shown: dict[str, EvaluationResult] = {}
     for result in others:
         label = f"`{result.label}`"
@@ -233,7 +233,7 @@ def late_block() -> str:
 
 
 def trigger_block() -> str:
-    """When the trigger fired, and when it would have."""
+    """When the trigger fired, and when it would have fired with other settings."""
     document = read_ablation(NAME)
     fired = [
         ", ".join(map(str, run.reset_episodes)) or "never"
@@ -269,7 +269,7 @@ def _source(document: AblationResult, name: str = NAME) -> str:
 
 
 def draw_ablations() -> list[Path]:
-    """The learning curves, from the committed points of them."""
+    """Draw the learning curves from their committed points."""
     from matplotlib import style
     from matplotlib.figure import Figure
 
@@ -285,7 +285,7 @@ def draw_ablations() -> list[Path]:
     curves = document.learning_curves
     looks = line_styles([BASE, "no-rf"])
     labels = {BASE: "with Reset-and-Finetune", "no-rf": "without"}
-    shown = [name for name in TRAINED if name != "coverage"]  # which is 1 throughout
+    shown = [name for name in TRAINED if name != "coverage"]  # coverage is 1 throughout
     with style.context(["default", STYLE]):
         figure = Figure((PAGE_IN, 4.4), layout="constrained")
         figure.suptitle(setting_of([flatten(RunConfig(**document.settings.base))]))

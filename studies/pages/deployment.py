@@ -10,9 +10,9 @@ from studies.recording import read
 PICTURE = FIGURES / "deployment.png"
 NAME = "deployment"
 WIDTH_PX, HEIGHT_PX, DPI = 1600, 960, 200
-"""Drawn for a width of 700 to 800 px, and twice as fine."""
+"""Drawn to be shown 700 to 800 px wide, at twice that resolution."""
 
-# Okabe and Ito's colours without yellow, and a shape for each: colour alone tells nobody apart.
+# Okabe and Ito's colours without yellow, with a shape for each, so nobody needs to see the colour.
 LOOKS = (
     *(("#0072B2", "o"), ("#D55E00", "s"), ("#009E73", "^"), ("#CC79A7", "D"), ("#E69F00", "v")),
     *(("#56B4E9", "P"),),
@@ -22,7 +22,7 @@ _TEXT = {"fontsize": 9, "va": "center"}
 
 
 def draw_deployment(path: Path = PICTURE) -> Path:
-    """A map with a legend beside it."""
+    """Draw a map with a legend beside it."""
     from matplotlib import style
     from matplotlib.figure import Figure
 
@@ -47,7 +47,7 @@ def _draw_scale(axes: Any, area_km: float) -> None:
     labels = [f"{tick * 1000.0:,.0f} m" for tick in ticks]
     axes.set_xticks(ticks, labels, fontsize=8.5)
     axes.set_yticks(ticks, labels, fontsize=8.5, rotation=90)
-    ends = (("left", "bottom"), ("center", "center"), ("right", "top"))  # within the map's sides
+    ends = (("left", "bottom"), ("center", "center"), ("right", "top"))  # stay within the map
     for along, up, (horizontal, vertical) in zip(
         axes.get_xticklabels(), axes.get_yticklabels(), ends, strict=True
     ):

@@ -40,7 +40,7 @@ FIGURE_SOURCES = FIGURES / "sources.json"
 
 
 def coverage_sentence(results: Sequence[Result]) -> str:
-    """Who is covered, since the coverage of the target users alone says 1.000 nearly everywhere."""
+    """Who is covered, since the coverage of the target users alone is 1.000 nearly everywhere."""
     if "total_coverage" not in results[0].metrics:
         return ""
     found = {
@@ -58,7 +58,7 @@ def coverage_sentence(results: Sequence[Result]) -> str:
 
 
 def commands_block() -> str:
-    """How every released policy was trained."""
+    """The command that trained every released policy, and its results."""
     rows = []
     for key, arguments in COMMANDS.items():
         record = read_record(REFERENCE / key)
@@ -105,7 +105,7 @@ def tuning_block() -> str:
 
 
 def planner_block() -> str:
-    """Utility against budget."""
+    """The planner's utility at several budgets."""
     rows = []
     for budget in PLANNER_BUDGETS:
         document = read_evaluation(f"planner_{budget}")
@@ -158,7 +158,7 @@ def uav_tables(document: EvaluationSummary, metrics: Sequence[str]) -> list[str]
 
 
 def uav_block() -> str:
-    """The UAV study."""
+    """The study over numbers of UAVs."""
     document = read_evaluation("uavs")
     parts = ["100 topologies for each number of UAVs, 100 users; policies trained with 6."]
     tables = uav_tables(document, UAV_METRICS)
@@ -169,7 +169,7 @@ def uav_block() -> str:
 
 
 def shared_bandwidth_block() -> str:
-    """The UAV study with a total bandwidth."""
+    """The study over numbers of UAVs, with a fixed total bandwidth."""
     document = read_evaluation("uavs_60mhz")
     tables = uav_tables(document, ("energy_efficiency_bit_per_joule", "worst_rate_bps"))
     return "\n\n".join([*tables, source("uavs_60mhz", document)])
@@ -184,7 +184,7 @@ def restarts_block() -> str:
 
 
 def mobility_block() -> str:
-    """Users that walk."""
+    """The study with walking users."""
     document = read_evaluation("mobility")
     methods = [entry.method for entry in document.settings.methods]
     speeds = document.settings.speeds_mps
@@ -206,7 +206,7 @@ def mobility_block() -> str:
 
 
 def run_index_block() -> str:
-    """What a listing takes."""
+    """The time that listing runs takes."""
     document = read("run_index")
     rows = [[name, f"{case['median']:.2f}"] for name, case in document["seconds"].items()]
     settings = document["settings"]
@@ -218,7 +218,7 @@ def run_index_block() -> str:
 
 
 def readme_block() -> str:
-    """The UAV study's figure and one table."""
+    """The figures of the UAV study and one table."""
     document = read_evaluation("methods")
     found = {result.method: result for result in document.results if result.deterministic}
     results = [found[method] for method in README_METHODS]
@@ -239,7 +239,7 @@ def readme_block() -> str:
 
 
 def draw_studies() -> list[Path]:
-    """The figures of the UAV study and the training curves."""
+    """Draw the figures of the UAV study and the training curves."""
     from orchid_uav.experiments.figures.evaluation_figures import draw_figures
 
     drawn = draw_figures(read_evaluation("uavs").results, FIGURES / "new", UAV_METRICS)
@@ -257,18 +257,18 @@ def draw_studies() -> list[Path]:
 
 
 def record_sources() -> Path:
-    """Keep what every figure was drawn from."""
+    """Record digests of every figure and of the data from which it was drawn."""
     write_json(FIGURE_SOURCES, figure_digests())
     return FIGURE_SOURCES
 
 
 def figure_digests() -> dict[str, dict[str, str]]:
-    """Digests of every committed figure and of what it has to be drawn from, by its name."""
+    """Digests of every committed figure and of its data, by the figure's name."""
     return {path.name: _digests(path) for path in sorted(FIGURES.glob("*.png"))}
 
 
 def _digests(figure: Path) -> dict[str, str]:
-    """PNG files differ between versions of libraries: to draw and compare them would not do."""
+    """Digests are compared, since redrawn PNG files differ between versions of libraries."""
     own = RESULTS / f"{figure.stem}.json"
     sources = [own if own.is_file() else RESULTS / "uavs.json"]
     if figure.name.startswith("reference"):
@@ -281,7 +281,7 @@ def _digests(figure: Path) -> dict[str, str]:
 
 
 def draw_training(path: Path) -> None:
-    """Training curves of the released policies."""
+    """Draw the training curves of the released policies."""
     from orchid_uav.experiments.figures.learning_curves import draw_learning_curves
     from orchid_uav.experiments.figures.style import setting_of
 

@@ -17,7 +17,7 @@ _LANGUAGES = {".toml": "toml", ".py": "python"}
 
 
 def findings_block() -> str:
-    """The numbers are the documents', the words were written to them, and fail where they lie."""
+    """The five findings: numbers come from the results, and words that do not fit them fail."""
     results = read_evaluation("methods").results
     flown = {(result.method, result.deterministic): result for result in results}
     points = (
@@ -109,7 +109,7 @@ def _rules(flown: Mapping[tuple[str, bool], EvaluationResult]) -> str:
 
 
 def _mobile(results: Sequence[EvaluationResult], method: str, speed_mps: float) -> float:
-    """Utility where users walk at up to that speed, with the headings that are held longest."""
+    """Utility where users walk at up to that speed and hold their headings longest."""
     found = [one for one in results if (one.method, one.speed_mps) == (method, speed_mps)]
     longest = max(found, key=lambda result: result.heading_hold_s)
     return float(longest.metrics["utility"].mean)
@@ -135,7 +135,7 @@ def _word(count: int) -> str:
 
 
 def example_block(name: str) -> str:
-    """A file of ``examples/`` as it is."""
+    """A file of ``examples/``, unchanged."""
     path = ROOT / "examples" / name
     return f"```{_LANGUAGES[path.suffix]}\n{path.read_text(encoding='utf-8').rstrip()}\n```"
 

@@ -1,8 +1,8 @@
-"""Everything in the documentation that is not prose: ``python -m studies.pages.generate``.
+"""Write all generated parts of the documentation: ``python -m studies.pages.generate``.
 
 Numbers come from the committed JSON files under ``studies/results`` and
-``runs/reference``, and from the configuration's own classes. ``tests/test_docs.py`` fails when a
-page is not what this script makes of them.
+``runs/reference``, and from the configuration's own classes. ``tests/test_docs.py`` fails if a
+page differs from what this script makes of them.
 """
 
 from collections.abc import Mapping
@@ -87,7 +87,7 @@ def _default(value: Any) -> str:
 
 
 def replace_block(text: str, name: str, content: str) -> str:
-    """``text`` with what stands between the markers of that name replaced."""
+    """``text`` with new content between the markers of that name."""
     begin, end = BEGIN.format(name), END.format(name)
     if begin not in text or end not in text:
         raise ValueError(f"no markers for '{name}'")
@@ -97,7 +97,7 @@ def replace_block(text: str, name: str, content: str) -> str:
 
 
 def pages() -> dict[Path, str]:
-    """Every generated text by its file."""
+    """Every generated page, by its file."""
     from studies.pages.performance import render
 
     texts = {

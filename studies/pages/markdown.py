@@ -14,13 +14,13 @@ Result = EvaluationResult
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], words: int = 1) -> str:
-    """A Markdown table: so many columns of words, then numbers, which stand to the right."""
+    """A Markdown table: ``words`` columns of words, then columns of right-aligned numbers."""
     lines = [header, ["---"] * words + ["---:"] * (len(header) - words), *rows]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
 def cell(result: Result, metric: str, spread: bool = True) -> str:
-    """Mean ± standard deviation as it is shown everywhere."""
+    """Mean ± standard deviation in the usual format."""
     described, value = METRICS[metric], result.metrics[metric]
     if value.mean is None:
         return "–"
@@ -29,7 +29,7 @@ def cell(result: Result, metric: str, spread: bool = True) -> str:
 
 
 def recorded(document: Mapping[str, Any]) -> str:
-    """When and where something was measured, and whether its commit tells all of the code."""
+    """When and where something was measured, and whether its commit holds all of the code."""
     commit = document["versions"]["git_commit"] or CHANGES
     changed = ", with changes that were not committed" if commit.endswith(CHANGES) else ""
     return f"{document['date']}{changed}, {document['host']['processor']}"
@@ -45,7 +45,7 @@ def source(name: str, document: EvaluationSummary) -> str:
 
 
 def metrics_table(results: Sequence[Result], metrics: Sequence[str], spread: bool = True) -> str:
-    """Methods by metrics, without those that the results of an earlier version do not have."""
+    """Methods by metrics, without metrics that the results of earlier versions lack."""
     metrics = [metric for metric in metrics if metric in results[0].metrics]
     return table(
         ["method", *(METRICS[metric].heading for metric in metrics)],

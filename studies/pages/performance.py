@@ -103,7 +103,7 @@ def _conditions(result: Mapping[str, Any]) -> str:
 
 
 def spread(case: Mapping[str, Any], scale: float, digits: int) -> list[str]:
-    """A case's median, and its least and greatest repetition, as two cells of a table."""
+    """Two table cells: the median of a case, and its least and greatest repetition."""
     values = [case["median"], min(case["repetitions"]), max(case["repetitions"])]
     median, low, high = (f"{value * scale:,.{digits}f}" for value in values)
     return [median, f"{low} … {high}"]

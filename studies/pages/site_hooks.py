@@ -1,8 +1,8 @@
-"""What MkDocs makes of this repository: pages from outside ``docs/``, links to sources, formulas.
+"""Hooks for MkDocs: pages from outside ``docs/``, links to sources, and formulas.
 
 The same Markdown is read on a forge, where a link like ``../envs/channel.py`` leads to the file.
-The site has a page for every file that is linked so, which works without the address of the
-repository and shows the code that the page was written for.
+The site has a page of its own for every file linked in this way. So it works without the
+repository's address, and shows the version of the code for which the documentation was written.
 """
 
 import html
@@ -24,10 +24,10 @@ PAGES = {
     "CHANGELOG.md": "changelog.md",
     "CONTRIBUTING.md": "contributing.md",
 }
-"""Pages that are files of the repository's root, by their path there, and what they are here."""
+"""Files of the repository's root that become pages, and their paths on the site."""
 SOURCES = "source"
 FONT = "STIXTwoMath-Regular.ttf"
-"""Few systems have a font with the measures that formulas need; this one is under the OFL."""
+"""A font for formulas, since few systems have one; its licence is the OFL."""
 _LANGUAGES = {".py": "python", ".toml": "toml", ".json": "json", ".cff": "yaml", ".yml": "yaml"}
 _FENCED = re.compile(r"^(```|~~~).*?^\1[ \t]*$", re.MULTILINE | re.DOTALL)
 _LINK = re.compile(r"(?<=\]\()(?P<path>[^)\s#]+)(?P<anchor>#[^)\s]*)?(?=\))")
@@ -38,7 +38,7 @@ _logger = get_plugin_logger("orchid")
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add the pages of the root, one for each file or directory that is linked, and the font."""
+    """Add the pages of the root, a page for each linked file or directory, and the font."""
     font = Path(find_spec("ziamath").origin).parent / "fonts" / FONT
     files.append(File.generated(config, FONT, abs_src_path=str(font)))
     for path, uri in PAGES.items():
@@ -52,7 +52,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, *, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Lead links to where their targets are within the site."""
+    """Point links to the places of their targets within the site."""
     uri = page.file.src_uri
     if uri.startswith(f"{SOURCES}/"):
         return markdown
@@ -60,7 +60,7 @@ def on_page_markdown(markdown: str, *, page: Page, config: MkDocsConfig, files: 
     def here(link: re.Match[str]) -> str:
         target = _site_uri(_repository_path(link["path"], uri))
         if target is None or files.get_file_from_path(target) is None:
-            return link[0]  # an address elsewhere, or dead: MkDocs says so
+            return link[0]  # an external address, or a dead link, which MkDocs reports
         return posixpath.relpath(target, posixpath.dirname(uri)) + (link["anchor"] or "")
 
     return _outside_code(markdown, lambda text: _LINK.sub(here, text))
@@ -74,13 +74,13 @@ def on_page_content(content: str, *, page: Page, config: MkDocsConfig, files: Fi
         display = "block" if found["tag"] == "div" else "inline"
         try:
             formula = convert(tex, display=display)
-        except Exception as error:  # latex2mathml's own have no common base
+        except Exception as error:  # latex2mathml's errors have no common base class
             _logger.warning("%s: cannot typeset '%s': %r", page.file.src_uri, tex, error)
             return found[0]
-        # A command that latex2mathml does not know is passed on as text; browsers know no other
-        # variant of letters than the upright one.
+        # latex2mathml passes unknown commands on as text. Of the variants of letters, browsers
+        # know only the upright one.
         if "\\" in formula or re.search('mathvariant="(?!normal")', formula):
-            _logger.warning("%s: a command is not known in '%s'", page.file.src_uri, tex)
+            _logger.warning("%s: unknown command in '%s'", page.file.src_uri, tex)
         return f'<{found["tag"]} class="formula">{formula}</{found["tag"]}>'
 
     return _FORMULA.sub(typeset, content)
@@ -95,14 +95,14 @@ def _outside_code(markdown: str, change: Callable[[str], str]) -> str:
 
 
 def _targets(markdown: str, uri: str) -> Iterator[str]:
-    """Paths in the repository that a page links to."""
+    """Paths in the repository to which a page links."""
     for link in _LINK.finditer(_FENCED.sub("", markdown)):
         if path := _repository_path(link["path"], uri):
             yield path
 
 
 def _repository_path(link: str, uri: str) -> str:
-    """Where a relative link of a page leads to, from the root; empty for other links."""
+    """The target of a page's relative link, as a path from the root; empty for other links."""
     if ":" in link or link.startswith("/"):
         return ""
     own = next((path for path, page in PAGES.items() if page == uri), f"docs/{uri}")
@@ -122,7 +122,7 @@ def _site_uri(path: str) -> str | None:
 
 
 def _source_page(path: str) -> str:
-    """A file as a page, or the names of a directory's files."""
+    """A page that shows a file, or the names of a directory's files."""
     head = f"---\nhide: [toc]\nsearch:\n  exclude: true\n---\n\n# {path}\n\n"
     place = ROOT / path
     if place.is_dir():

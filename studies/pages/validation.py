@@ -43,9 +43,9 @@ _LOOKS = {
     "orchid maddpg-tripled": ("#666666", ":"),
 }
 _DIGEST = 8
-"""Letters of a commit that are shown."""
+"""How many digits of a commit are shown."""
 _LATE = 5
-"""A curve's last so many points are compared with as many before them."""
+"""This many of a curve's last points are compared with as many before them."""
 Row = Mapping[str, Any]
 
 
@@ -81,7 +81,7 @@ def pairs_block() -> str:
 
 
 def pairs_of_curves_block() -> str:
-    """Which learners are the same on the way there."""
+    """Which learners are the same during training."""
     return _pairs_table(read(NAME)["comparison"]["pairs_of_curves"])
 
 
@@ -118,7 +118,7 @@ def curves_block() -> str:
 
 
 def trials_block() -> str:
-    """What was tried on the public code before the settings were chosen."""
+    """The settings that were tried on the public code before the final ones were chosen."""
     rows = []
     for trial in read(NAME)["trials"]:
         changes = ", ".join(f"{name} {value:g}" for name, value in trial["changes"].items())
@@ -190,7 +190,7 @@ def summary_block() -> str:
 
 
 def margin_block() -> str:
-    """What the test of equivalence asks."""
+    """How the test of equivalence works, and what its margin is."""
     settings = read(NAME)["settings"]["settings"]
     return (
         f"The margin is {MARGIN:.0%} of what the reference's mean gains over random actions, set "
@@ -203,7 +203,7 @@ def margin_block() -> str:
 
 
 def versions_block() -> str:
-    """Of the public packages."""
+    """The versions of the public packages."""
     arms = read(NAME)["arms"]
     return table(
         ["learner", "versions"],
@@ -255,7 +255,7 @@ def _source(document: Row) -> str:
 
 
 def draw_validation() -> list[Path]:
-    """The learning curves, from the committed points of them."""
+    """Draw the learning curves from their committed points."""
     from matplotlib.figure import Figure
 
     from orchid_uav.experiments.statistics.curves import group_curve

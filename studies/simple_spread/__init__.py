@@ -1,5 +1,5 @@
-"""The learners beyond this project's own environment: MPE2's simple_spread, and public libraries.
+"""The learners compared with public libraries, on MPE2's simple_spread.
 
-Modules here that a public library's environment imports know nothing of ``orchid_uav``: ``task``,
-``train``, ``fixed_batch``, and those named after the libraries.
+Some modules here run in the Python environment of a public library and do not import
+``orchid_uav``: ``task``, ``train``, ``fixed_batch``, and those named after the libraries.
 """

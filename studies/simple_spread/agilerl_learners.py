@@ -1,39 +1,39 @@
-"""MADDPG of AgileRL: runs in an environment of its own.
+"""MADDPG of AgileRL, run in a Python environment of its own.
 
-The loss, the optimizers, the buffer (its one for several agents too, as of 2.58 there is no other)
-and the loop ``train_multi_agent_off_policy`` are theirs, unchanged, with a population of one that
-nothing selects or mutates. What is given to them: the settings, the worlds stepped one after the
-other (theirs take one process each, or hold one world only), and the networks.
+The loss, the optimizers, the buffer (in version 2.58 there is only one, which serves several agents
+too) and the loop ``train_multi_agent_off_policy`` are AgileRL's, unchanged. The population is one,
+without selection or mutation. We provide the settings, the networks, and worlds that are stepped
+one after the other (AgileRL's take one process each, or hold only one world).
 
 Networks: actor 18-64-64-5, critic on all observations and actions 69-64-64-1, ReLU, PyTorch's
-initialisation. AgileRL's default of an encoder and a head has more layers, layer normalisation and
-smaller weights of the last one, so here the encoder only concatenates and the head is all.
+initialisation. AgileRL's default, an encoder and a head, has more layers, layer normalisation and
+smaller weights in the last one, so here the encoder only concatenates and the head does the rest.
 
-Same as of the others: agents whose names differ in their number share one actor and one critic;
-the output of the actor is tanh, mapped to [0, 1]; the noise is Gaussian and clipped with the
-action; the loss of the critic is the mean squared error to a one-step target.
+The same as in the other libraries: agents whose names differ only in their number share one actor
+and one critic; the output of the actor is tanh, mapped to [0, 1]; the noise is Gaussian and clipped
+with the action; the loss of the critic is the mean squared error to a one-step target.
 
-Other than of the others, and left so:
+Different from the other libraries, and left so:
 
 * An update takes the agents in turn, each with a step of the critic and then one of the actor (on
   the critic just stepped) for that agent's own reward and action. So one update is three steps of
   Adam on both of the shared networks, where the others take one on the mean over the agents. The
-  targets follow once an update.
+  targets follow once per update.
 * In the loss of the actor the other agents act as they did in the transition, as in the paper,
   where the others let all agents act anew.
 * One update every ``frames_per_iteration / updates_per_iteration`` frames, as soon as the buffer
   holds a batch, instead of ``updates_per_iteration`` after each iteration.
 * Adam with an epsilon of 1e-8, no clipping of gradients (``adam_epsilon`` and ``max_grad_norm``
-  have no place to go), batches without repetition while the buffer is small.
+  have no counterpart), and batches without repetition while the buffer is small.
 * Actions are stored, and seen by the critic, in [-1, 1], as in orchid's but not in BenchMARL's; the
   noise has twice the deviation there.
 
-Time limits: the loop stores the termination alone as the end, so the target goes on beyond the time
-limit, as it should. But the environments of AgileRL put the first observation of the next episode
-in the place of the last one, and the target then takes the value of that. The worlds here keep the
-last observation, which the loop allows for because it resets them after each round, and a round is
-an episode. After each round the loop also judges the policy; that is cut to a single step, which is
-not learned from.
+Time limits: the loop stores only termination as an end, so the target rightly continues beyond the
+time limit. But AgileRL's environments replace the last observation of an episode by the first one
+of the next, and the target then uses the value of that. The worlds here keep the last observation.
+The loop allows this because it resets them after each round, and a round is an episode. After each
+round the loop also evaluates the policy; this is cut to a single step, and nothing is learned from
+it.
 """
 
 import contextlib
@@ -75,7 +75,7 @@ class SpreadWorlds(PettingZooVecEnv):
         self._actions: list[dict[str, Any]] = []
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
-        """First observations; the worlds are seeded once, by the constructor's seed."""
+        """Return first observations; the worlds are seeded once, by the constructor's seed."""
         views = [
             world.reset(seed=own)[0] for world, own in zip(self._worlds, self._seeds, strict=True)
         ]
@@ -115,14 +115,14 @@ class Concatenation(EvolvableModule):
         output_activation: str | None = None,  # AgileRL always gives one
     ) -> None:
         super().__init__(device)
-        # AgileRL copies a module by calling its constructor with these once more.
+        # To copy a module, AgileRL calls its constructor with these again.
         self.observation_space = observation_space
         self.num_outputs = num_outputs
         self.name = name
         self.output_activation = output_activation
 
     def forward(self, observations: Any) -> torch.Tensor:
-        """(frames, inputs) of one observation, or of a mapping of them."""
+        """Return (frames, inputs) for one observation, or for a mapping of several."""
         if isinstance(observations, Mapping):
             return torch.cat(list(observations.values()), dim=-1)
         return observations
@@ -133,7 +133,7 @@ def make_learner(settings: Settings, worlds: PettingZooVecEnv) -> MADDPG:
     update_frames, rest = divmod(settings.frames_per_iteration, settings.updates_per_iteration)
     if rest or update_frames < 1 or settings.worlds % update_frames:
         # AgileRL learns after steps of all worlds only, and rounds the number of updates.
-        raise ValueError("a step of all worlds must come to a whole number of updates")
+        raise ValueError("each step of all worlds must cause a whole number of updates")
     observations = spaces.Dict({a: worlds.single_observation_space(a) for a in worlds.agents})
     actions = spaces.Dict({a: worlds.single_action_space(a) for a in worlds.agents})
 
@@ -198,7 +198,7 @@ def learn(name: str, seed: int, settings: Settings) -> Learned:
     round_frames = STEPS * settings.worlds
     worlds = SpreadWorlds(settings.worlds, seed)
     model = make_learner(settings, worlds)
-    # AgileRL writes to all of its buffer at once; what would never be used is not asked for.
+    # AgileRL writes to its whole buffer at once, so it is made no larger than needed.
     memory = ReplayBuffer(min(settings.buffer_frames, settings.frames + round_frames))
     progress = Progress(settings)
     distance = settings.frames // settings.curve_points

@@ -1,8 +1,8 @@
-"""MAPPO and MADDPG of BenchMARL, on TorchRL: runs in an environment of their own.
+"""MAPPO and MADDPG of BenchMARL, on TorchRL, run in a Python environment of their own.
 
-The losses, optimizers, buffers, collectors and loops are theirs, unchanged. What is given to them
-is the settings and the worlds of ``benchmarl_worlds``. "mappo-gaussian" is their MAPPO with the
-distribution of ours, so that what is left between the two is not the distribution.
+The losses, optimizers, buffers, collectors and loops are theirs, unchanged. We provide the settings
+and the worlds of ``benchmarl_worlds``. "mappo-gaussian" is their MAPPO with our distribution of
+actions, so that the distribution explains no difference from ours.
 """
 
 import tempfile
@@ -31,7 +31,7 @@ from studies.simple_spread.task import AGENTS, Learned, Policy, Progress, Settin
 
 
 class TanhMean(nn.Module):
-    """The distribution of ours: mean tanh(network), a learned deviation without any input."""
+    """Our distribution: mean tanh(network), and a learned deviation that depends on no input."""
 
     def __init__(self, actions: int) -> None:
         super().__init__()
@@ -66,7 +66,7 @@ class GaussianMappo(Mappo):
         )
         return ProbabilisticActor(
             module=TensorDictSequential(network, head),
-            # The worlds clip what lies beyond their bounds; the actions that are learned from stay.
+            # The worlds clip actions beyond their bounds; the learner sees them unclipped.
             spec=Unbounded(shape),
             in_keys=[(group, "loc"), (group, "scale")],
             out_keys=[(group, "action")],
@@ -81,12 +81,12 @@ class GaussianMappoConfig(MappoConfig):
 
     @staticmethod
     def associated_class() -> type[Mappo]:
-        """What it configures."""
+        """Return the class that this configures."""
         return GaussianMappo
 
 
 class _Judging(Callback):
-    """Its clock, like the others', begins with training: ``progress`` is given then."""
+    """Judges the policy; ``progress`` is set when training begins, so its clock starts then."""
 
     progress: Progress
 
@@ -154,7 +154,7 @@ def make_experiment(
     callbacks: tuple[Callback, ...] = (),
     **config: Any,
 ) -> Experiment:
-    """An experiment of BenchMARL, ready to run; ``config`` goes to its ``ExperimentConfig``."""
+    """Make a BenchMARL experiment; ``config`` changes its ``ExperimentConfig``."""
 
     def network() -> MlpConfig:
         return MlpConfig(
@@ -173,7 +173,7 @@ def make_experiment(
 
 
 def learn(name: str, seed: int, settings: Settings) -> Learned:
-    """Train "mappo", "mappo-gaussian" or "maddpg", or "mappo-stock": in TorchRL's own wrapper."""
+    """Train "mappo", "mappo-gaussian", "maddpg", or "mappo-stock" (in TorchRL's own wrapper)."""
     warnings.filterwarnings("ignore")
     task: TaskClass
     if name == "mappo-stock":

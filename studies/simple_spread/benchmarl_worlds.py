@@ -1,8 +1,8 @@
-"""simple_spread for BenchMARL, twice: as TorchRL wraps it, and with the worlds in one batch.
+"""simple_spread for BenchMARL, in two forms: as TorchRL wraps it, and with all worlds in one batch.
 
 TorchRL's wrapper of PettingZoo environments takes longer over a step than the environment itself,
-and BenchMARL gives the same seed to all of its worlds, which then begin every episode alike. The
-batch steps the worlds one after the other with less around them, each with a seed of its own.
+and BenchMARL gives the same seed to all of its worlds, so they begin every episode alike. The batch
+steps the worlds one after the other with less overhead, each with a seed of its own.
 """
 
 from collections.abc import Callable
@@ -27,10 +27,10 @@ class SpreadWorlds(EnvBase):
     """Several worlds as one TorchRL environment with the batch size (worlds,).
 
     Args:
-        worlds: their number.
-        seed: of all of them.
-        lowest_action: of the policy's actions; 1 is the highest. Below, they are clipped and
-            stretched to what the worlds take, [0, 1].
+        worlds: the number of worlds.
+        seed: the seed from which each world gets its own.
+        lowest_action: the lowest action of the policy; the highest is 1. Actions are clipped to
+            this range and scaled to that of the worlds, [0, 1].
     """
 
     def __init__(self, worlds: int, seed: int | None, lowest_action: float = 0.0) -> None:
@@ -97,7 +97,7 @@ class SpreadWorlds(EnvBase):
 
 
 class SpreadTask(TaskClass):
-    """simple_spread with its worlds in one batch; ``lowest_action`` as of :class:`SpreadWorlds`."""
+    """simple_spread with all worlds in one batch; ``lowest_action`` as in :class:`SpreadWorlds`."""
 
     def __init__(self, lowest_action: float = 0.0) -> None:
         super().__init__("SIMPLE_SPREAD", {})
@@ -106,15 +106,15 @@ class SpreadTask(TaskClass):
     def get_env_fun(
         self, num_envs: int, continuous_actions: bool, seed: int | None, device: Any
     ) -> Callable[[], EnvBase]:
-        """Makes the worlds."""
+        """Return a function that makes the worlds."""
         return lambda: SpreadWorlds(num_envs, seed, self._lowest_action)
 
     def supports_continuous_actions(self) -> bool:
-        """They are."""
+        """Continuous actions are supported."""
         return True
 
     def supports_discrete_actions(self) -> bool:
-        """They are not."""
+        """Discrete actions are not supported."""
         return False
 
     def has_render(self, env: EnvBase) -> bool:
@@ -122,34 +122,34 @@ class SpreadTask(TaskClass):
         return False
 
     def max_steps(self, env: EnvBase) -> int:
-        """Of an episode."""
+        """The number of steps of an episode."""
         return STEPS
 
     def group_map(self, env: EnvBase) -> dict[str, list[str]]:
-        """One group."""
+        """All agents form one group."""
         return env.group_map
 
     def observation_spec(self, env: EnvBase) -> Composite:
-        """Of one world's agents."""
+        """The observations of one world's agents."""
         return Composite({GROUP: env.full_observation_spec_unbatched[GROUP].clone()})
 
     def state_spec(self, env: EnvBase) -> Composite:
-        """Of one world."""
+        """The state of one world."""
         return Composite({"state": env.full_observation_spec_unbatched["state"].clone()})
 
     def action_spec(self, env: EnvBase) -> Composite:
-        """Of one world's agents."""
+        """The actions of one world's agents."""
         return env.full_action_spec_unbatched
 
     def action_mask_spec(self, env: EnvBase) -> None:
-        """All actions may be taken."""
+        """Return None, since all actions are always allowed."""
 
     def info_spec(self, env: EnvBase) -> None:
-        """No infos."""
+        """Return None, since there are no infos."""
 
     @staticmethod
     def env_name() -> str:
-        """Of the suite."""
+        """The name of the suite of environments."""
         return "mpe2"
 
 
@@ -162,5 +162,5 @@ class StockSpreadTask(PettingZooClass):
     def get_env_fun(
         self, num_envs: int, continuous_actions: bool, seed: int | None, device: Any
     ) -> Callable[[], EnvBase]:
-        """Makes one world."""
+        """Return a function that makes one world."""
         return lambda: PettingZooWrapper(env=make_spread(), return_state=True, seed=seed)

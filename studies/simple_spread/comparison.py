@@ -1,4 +1,4 @@
-"""What the runs of the learners say about each other."""
+"""Compare the runs of the learners."""
 
 from collections.abc import Mapping, Sequence
 from statistics import fmean
@@ -10,7 +10,7 @@ from scipy.stats import t, ttest_ind
 from orchid_uav.experiments.statistics.comparison import ALPHA, describe_seeds
 
 MARGIN = 0.05
-"""Share of what the public learner gains over random play, set before the runs."""
+"""The margin as a share of the public learner's gain over random play, set before the runs."""
 SEEDS_FOR_A_VERDICT = 10
 PAIRS = (
     ("orchid mappo", "benchmarl mappo"),
@@ -23,14 +23,14 @@ CONTROLS = (
     ("orchid mappo", "orchid ippo"),
     ("orchid maddpg-tripled", "agilerl maddpg"),
 )
-"""(compared, reference): what the distribution changes, what the central critic, and whether it is
-the number of its steps that sets AgileRL's apart."""
+"""(compared, reference): pairs that show what the distribution changes, what the central critic
+changes, and whether AgileRL's learner differs because of its number of steps."""
 
 
 def compare(rows: Sequence[Mapping[str, Any]], random_return: float) -> dict[str, Any]:
-    """Every arm's final return over seeds, and the pairs: in it, and on the way there.
+    """Compare arms by their final return over seeds, and by their learning curves.
 
-    On the way: the mean of the whole learning curve, which tells how fast a learner is.
+    Of a learning curve the mean is compared, which shows how fast a learner is.
     """
     finals: dict[str, list[float | None]] = {}
     curves: dict[str, list[float | None]] = {}
@@ -58,15 +58,15 @@ def _pairs(
 def compare_arms(
     compared: Sequence[float | None], reference: Sequence[float | None], random_return: float
 ) -> dict[str, Any]:
-    """Difference of two arms whose seeds have nothing in common but their numbers.
+    """Difference of two arms; equal seeds of the two have nothing in common, so nothing is paired.
 
     Returns:
         "seeds" of either that did not fail and how many "failed", None; "difference" of the means,
         compared − reference, with its 90 % interval and "p_value" by Welch's t; "margin";
         "equivalence_p", the greater of two one-sided Welch tests against it, significant at 5 %
-        where the interval lies within the margin; "least_margin", the least that these seeds would
-        have shown; "verdict": none with too few seeds, "undecided" also where runs failed, as
-        nobody knows what they stood for.
+        where the interval lies within the margin; "least_margin", the smallest margin that these
+        seeds would have met; "verdict": None with too few seeds, and "undecided" also where runs
+        failed, since their returns are unknown.
     """
     one, other = (
         np.array([value for value in values if value is not None])

@@ -1,12 +1,12 @@
-"""What BenchMARL's MAPPO and MADDPG make of one small batch: the numbers that tests hold ours to.
+"""What BenchMARL's MAPPO and MADDPG compute from one small batch, for tests of ours.
 
-``python -m studies.simple_spread.fixed_batch FILE`` in BenchMARL's environment. Their losses,
-advantage estimation, optimizers, clipping and target updates run as they are, on networks,
-transitions and noise drawn here; the file holds what went in and what came out. The head of MAPPO's
-policy and the draw of its actions are ours on both sides, as the distributions differ.
+Run ``python -m studies.simple_spread.fixed_batch FILE`` in BenchMARL's Python environment. Losses,
+advantage estimation, optimizers, clipping and target updates are BenchMARL's, unchanged. Networks,
+transitions and noise are drawn here. The file holds inputs and outputs. The head of MAPPO's policy
+and the draw of its actions are ours on both sides, since the distributions differ.
 
-One world ends by a time limit, another by itself, and both go on with a new episode. The minibatch
-is the whole batch, since an order of samples cannot be the same on both sides.
+One world ends by a time limit, another by termination, and both continue with a new episode. The
+minibatch is the whole batch, since the order of samples cannot be the same on both sides.
 """
 
 import argparse
@@ -30,7 +30,7 @@ from studies.simple_spread.task import ACTIONS, AGENTS, OBSERVATION, STATE, Sett
 
 WORLDS, STEPS, HIDDEN = 2, 6, (8, 8)
 TIME_LIMIT, TERMINAL = (2, 0), (3, 1)
-"""(step, world) at which an episode ends, of either kind."""
+"""(step, world) at which an episode ends, for each kind of end."""
 UPDATES = 3
 SETTINGS = Settings(
     frames=WORLDS * STEPS,
@@ -44,13 +44,13 @@ SETTINGS = Settings(
     max_grad_norm=0.5,
     target_rate=0.1,
     epochs=UPDATES,
-    clip_range=0.02,  # so narrow that some of the ratios are clipped
+    clip_range=0.02,  # narrow enough to clip some of the ratios
 )
 Arrays = dict[str, Any]
 
 
 def inputs(generator: np.random.Generator) -> Arrays:
-    """Transitions, noise and weights, rounded to what float32 and a short file hold alike."""
+    """Transitions, noise and weights, rounded so that float32 and a short file hold the same."""
 
     def normal(*shape: int, scale: float = 1.0) -> np.ndarray:
         return (generator.standard_normal(shape) * scale).round(3).astype(np.float32)
@@ -69,7 +69,7 @@ def inputs(generator: np.random.Generator) -> Arrays:
     observation = np.concatenate([normal(1, WORLDS, AGENTS, OBSERVATION), following[:-1]])
     state = np.concatenate([normal(1, WORLDS, STATE), next_state[:-1]])
     for step, world in np.argwhere(ended.any(axis=0)):
-        # What is seen next is another episode's.
+        # The next observation belongs to another episode.
         observation[step + 1, world] = normal(AGENTS, OBSERVATION)
         state[step + 1, world] = normal(STATE)
     return {
@@ -99,7 +99,7 @@ def load_layers(parameters: TensorDict, layers: list[list[np.ndarray]]) -> None:
 
 
 def sorted_leaves(parameters: TensorDict) -> list[tuple[str, torch.Tensor]]:
-    """Weights and biases, layer by layer, weight first; log_std apart."""
+    """Weights and biases, layer by layer, weights first; without log_std."""
     leaves = [
         (".".join(key) if isinstance(key, tuple) else key, leaf)
         for key, leaf in parameters.items(True, True)
@@ -121,7 +121,7 @@ def layers_of(parameters: TensorDict, gradient: bool = False) -> list[list[np.nd
 
 
 def rollout(given: Arrays, actions: torch.Tensor, log_prob: torch.Tensor | None) -> TensorDict:
-    """The batch (worlds, steps) as BenchMARL's collector hands it on."""
+    """The batch (worlds, steps) as BenchMARL's collector returns it."""
 
     def by_world(array: Any) -> torch.Tensor:
         return torch.as_tensor(np.asarray(array)).transpose(0, 1).contiguous()
@@ -182,7 +182,7 @@ def mappo_numbers(given: Arrays) -> Arrays:
         "advantage": by_step("advantage"),
         "return": by_step("value_target"),
     }
-    # As if the policy had moved since: else no ratio differs from 1 and nothing is clipped.
+    # As if the policy had changed since; otherwise all ratios are 1 and nothing is clipped.
     moved = batch.reshape(-1).clone()
     deviation = torch.from_numpy(given["deviation"]).transpose(0, 1).reshape(-1, AGENTS)
     moved[GROUP, "log_prob"] = moved[GROUP, "log_prob"] + deviation
@@ -191,7 +191,7 @@ def mappo_numbers(given: Arrays) -> Arrays:
     loss.normalize_advantage = False
     value_moved = moved.clone()
     value_moved[GROUP, "state_value"] = value_moved[GROUP, "state_value"] + deviation[..., None]
-    loss.clip_value = torch.tensor(SETTINGS.clip_range)  # TorchRL's; BenchMARL does not offer it
+    loss.clip_value = torch.tensor(SETTINGS.clip_range)  # a setting of TorchRL that BenchMARL lacks
     found["loss_critic_of_clipped_values"] = loss(value_moved)["loss_critic"].item()
     loss.clip_value = None
     losses = loss(moved)
@@ -216,7 +216,7 @@ def mappo_numbers(given: Arrays) -> Arrays:
 def maddpg_numbers(given: Arrays) -> Arrays:
     """Losses, gradients, and networks and the target after updates on one batch.
 
-    There is a target of the critic alone: BenchMARL leaves TorchRL's ``delay_actor`` off.
+    Only the critic has a target: BenchMARL leaves TorchRL's ``delay_actor`` off.
     """
     experiment = _experiment("maddpg")
     loss = experiment.losses[GROUP]
@@ -242,7 +242,7 @@ def maddpg_numbers(given: Arrays) -> Arrays:
 
 
 def initial_networks(seed: int) -> Arrays:
-    """Networks as BenchMARL makes them: actor and critic of MAPPO."""
+    """Actor and critic of MAPPO as BenchMARL initialises them."""
     loss = _experiment("mappo-gaussian", seed).losses[GROUP]
     return {
         "seed": seed,

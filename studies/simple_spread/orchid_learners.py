@@ -1,8 +1,8 @@
-"""MAPPO and MADDPG of this project as the others in this folder, and two variants.
+"""MAPPO and MADDPG of this project with the interface of this folder, and two variants.
 
 "ippo" is MAPPO whose critic sees what the agent itself observes. "maddpg-tripled" is MADDPG with
-three times the gradient steps and targets that follow a third as far at each: as many steps as
-AgileRL takes, whose agents learn in turn.
+three times the gradient steps, at each of which targets follow a third as far. These are as many
+steps as AgileRL takes, whose agents learn in turn.
 """
 
 from typing import Any
@@ -51,7 +51,7 @@ class LocalState(VecEnvWrapper):
         return _own(observation), rewards, dones, infos
 
     def has_attr(self, attr_name: str) -> bool:
-        """Whether this wrapper or what is wrapped has an attribute."""
+        """Whether this wrapper or the wrapped environment has an attribute."""
         return attr_name == "agents_per_world" or self.venv.has_attr(attr_name)
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
@@ -77,7 +77,7 @@ class _Judging(BaseCallback):
         self.judge_if_due()
 
     def judge_if_due(self) -> None:
-        """At the end of training no other rollout starts."""
+        """Judge the policy if due; also called after training, when no further rollout starts."""
         frames = self.model.num_timesteps // AGENTS
         if frames > 0 and self.progress.due(frames):
             self.progress.judge(frames, deterministic_policy(self.model))

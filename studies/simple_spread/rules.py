@@ -1,4 +1,4 @@
-"""Policies that learn nothing: the ends of the scale on which learners are judged."""
+"""Policies that learn nothing: the ends of the scale for the learners."""
 
 from collections.abc import Callable
 from statistics import fmean
@@ -14,21 +14,21 @@ _POSITION_GAIN, _VELOCITY_GAIN = 10.0, 2.5
 
 
 def random_actions() -> Policy:
-    """Uniform over the action space, from a generator of its own."""
+    """Actions uniform over the action space, from a generator of its own."""
     generator = np.random.default_rng(0)
     return lambda _: generator.random((AGENTS, ACTIONS))
 
 
 def no_force() -> Policy:
-    """The middle of the action space, where opposite forces cancel: an untrained actor's."""
+    """The middle of the action space, where opposite forces cancel, as with an untrained actor."""
     return lambda _: np.full((AGENTS, ACTIONS), 0.5)
 
 
 def assigned_landmarks() -> Policy:
-    """Each agent flies to the landmark of the shortest assignment: knows all, learns nothing.
+    """Each agent flies to its landmark in the shortest assignment of agents to landmarks.
 
-    What an agent observes holds the landmarks relative to itself (entries 4 to 9) and its velocity
-    (0 and 1); the force is proportional to the distance left, minus a share of the velocity.
+    An agent observes the landmarks relative to itself (entries 4 to 9) and its velocity (0 and 1);
+    the force is proportional to the distance left, minus a share of the velocity.
     """
 
     def act(observations: Floats) -> Floats:

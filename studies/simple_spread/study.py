@@ -1,9 +1,9 @@
 """MAPPO and MADDPG beside public implementations on MPE2's simple_spread: ``make validation``.
 
-Every run is a process of its own, with one thread, in the environment of its library; seed by seed
-the learners take turns, so that whatever disturbs the machine disturbs all of them. Runs that lie
-in ``--runs`` already are not done again if their settings are those asked for; one that fails is
-counted as a failure, and tried again the next time. Rows and comparison go to one JSON file.
+Every run is a process of its own, with one thread, in the Python environment of its library. The
+learners take turns seed by seed, so that disturbances of the machine affect all of them. Runs that
+are already in ``--runs`` with the same settings are not repeated. A run that fails counts as a
+failure, and is tried again the next time. Rows and comparison are written to one JSON file.
 """
 
 import argparse
@@ -42,13 +42,13 @@ TUNING_SEED = 100
 
 
 def name_of(library: str, method: str) -> str:
-    """Of an arm."""
+    """The name of an arm."""
     return f"{library} {method}"
 
 
 @dataclass(frozen=True)
 class Arm:
-    """One learner of a library, with what differs from the settings of all."""
+    """One learner of a library, with its changes to the common settings."""
 
     library: str
     method: str
@@ -57,16 +57,16 @@ class Arm:
 
     @property
     def name(self) -> str:
-        """As in results: "orchid mappo"."""
+        """The name in results, such as "orchid mappo"."""
         return name_of(self.library, self.method)
 
     @property
     def settings(self) -> dict[str, Any]:
-        """All settings, as JSON gives them back."""
+        """All settings, in the form in which JSON returns them."""
         return json.loads(json.dumps(asdict(Settings(**self.changes))))
 
     def is_of(self, settings: Mapping[str, Any]) -> bool:
-        """Whether a run with these settings is of this arm: of both algorithms', its own count."""
+        """Whether a run with these settings is of this arm; the other algorithm's do not count."""
         others = PPO_SETTINGS if self.method.startswith("maddpg") else MADDPG_SETTINGS
         return all(
             settings.get(name) == value
@@ -75,7 +75,7 @@ class Arm:
         )
 
     def command(self, pythons: Mapping[str, str], seed: int, out: Path) -> list[str]:
-        """Trains one seed."""
+        """The command that trains one seed."""
         command = [pythons[self.library], "-m", "studies.simple_spread.train"]
         command += [self.library, self.method, "--seed", str(seed), "--out", str(out)]
         for name, value in self.changes.items():
@@ -83,7 +83,7 @@ class Arm:
         return command
 
     def file(self, seed: int) -> str:
-        """Name of a run's file."""
+        """The name of a run's file."""
         changes = "".join(f"-{name}={value}" for name, value in self.changes.items())
         return f"{self.library}-{self.method}{changes}-s{seed}.json"
 
@@ -128,8 +128,8 @@ TRIALS = (
         )
     ),
 )
-"""What was tried before the settings were chosen, with seeds. The last three began the comparison,
-until BenchMARL's actions were no numbers any more: then all learners got the lower rate."""
+"""Arms that were tried before the settings were chosen, with their numbers of seeds. The last three
+began the comparison, until BenchMARL's actions became NaN; then all learners got the lower rate."""
 
 
 def jobs(arms: tuple[Arm, ...], seeds: int) -> Iterator[tuple[Arm, int]]:
@@ -141,7 +141,7 @@ def jobs(arms: tuple[Arm, ...], seeds: int) -> Iterator[tuple[Arm, int]]:
 
 
 def run(arm: Arm, seed: int, pythons: Mapping[str, str], directory: Path) -> dict[str, Any]:
-    """The row of one run, trained unless it is there already; "failed" says why there is none."""
+    """The row of one run, trained unless it exists; "failed" gives the reason of a failure."""
     path = directory / arm.file(seed)
     if path.exists():
         row = json.loads(path.read_text(encoding="utf-8"))
@@ -169,14 +169,14 @@ def run(arm: Arm, seed: int, pythons: Mapping[str, str], directory: Path) -> dic
 def run_all(
     todo: list[tuple[Arm, int]], pythons: Mapping[str, str], directory: Path, parallel: int
 ) -> list[dict[str, Any]]:
-    """Rows in the order of ``todo``, ``parallel`` runs at a time."""
+    """Rows in the order of ``todo``; ``parallel`` runs are trained at a time."""
     directory.mkdir(parents=True, exist_ok=True)
     with ThreadPoolExecutor(parallel) as pool:
         return list(pool.map(lambda job: run(*job, pythons, directory), todo))
 
 
 def compact(row: Mapping[str, Any]) -> dict[str, Any]:
-    """A run as it is kept: the mean of its final episodes, and the curve without its frames."""
+    """A run as stored: the mean of its final episodes, and the curve without its frames."""
     run = {"arm": name_of(row["library"], row["method"]), "seed": row["seed"]}
     if "failed" in row:
         return run | {"final_return": None, "failed": row["failed"]}
@@ -192,7 +192,7 @@ def arm_record(arm: Arm, rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """What all runs of an arm have in common.
 
     Raises:
-        SystemExit: they were trained with different versions, or all of them failed.
+        SystemExit: the runs were trained with different versions, or all of them failed.
     """
     own = [row for row in rows if name_of(row["library"], row["method"]) == arm.name]
     versions = {json.dumps(row["versions"]) for row in own if "failed" not in row}
@@ -206,7 +206,7 @@ def arm_record(arm: Arm, rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def add_pythons(parser: argparse.ArgumentParser) -> None:
-    """Options for environments of public libraries that lie elsewhere."""
+    """Add options for Python environments of public libraries in other places."""
     for library in ("benchmarl", "agilerl"):
         parser.add_argument(
             f"--{library}-python", default=str(ROOT / PYTHONS[library]), metavar="FILE"
@@ -214,7 +214,7 @@ def add_pythons(parser: argparse.ArgumentParser) -> None:
 
 
 def chosen_pythons(arguments: argparse.Namespace) -> dict[str, str]:
-    """Python of every library."""
+    """The Python of every library."""
     return PYTHONS | {
         library: getattr(arguments, f"{library}_python") for library in ("benchmarl", "agilerl")
     }
@@ -225,7 +225,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--runs", type=Path, default=ROOT / "runs" / "validation")
     parser.add_argument("--seeds", type=int, default=SEEDS)
-    parser.add_argument("--jobs", type=int, default=2, help="runs at a time, a core each")
+    parser.add_argument("--jobs", type=int, default=2, help="runs at a time, one core each")
     parser.add_argument("--json", type=Path, default=RESULTS / "validation.json")
     add_pythons(parser)
     add_allow_changes(parser)
@@ -247,7 +247,7 @@ def main() -> None:
             for (arm, _), row in zip(TRIALS, trials, strict=True)
         ],
         runs=compacted,
-        # Where the runs lie, and with which Python they were made, is nobody's business.
+        # Without this machine's paths of the runs and of each library's Python.
         command="python -m studies.simple_spread.study",
     )
     beginnings = ('{"arm":"', '{"changes":', '"arms":', '"baselines":', '"comparison":', '"pairs')

@@ -24,7 +24,7 @@ Policy = Callable[[NDArray[np.float32]], NDArray[np.floating[Any]]]
 
 @dataclass(frozen=True)
 class Settings:
-    """Of every learner; a frame is one step of one world, that is of three agents."""
+    """The settings of every learner; a frame is one step of one world, with its three agents."""
 
     frames: int = 200_000
     worlds: int = 10
@@ -46,7 +46,7 @@ class Settings:
     batch_frames: int = 256
     target_rate: float = 0.01
     exploration_std: float = 0.2
-    """On actions in [0, 1]."""
+    """The standard deviation for actions in [0, 1]."""
     # judging
     curve_points: int = 20
     curve_episodes: int = 32
@@ -54,7 +54,7 @@ class Settings:
 
     @property
     def curve_frames(self) -> list[int]:
-        """Where the curve's points are, or the first chances to judge after that."""
+        """Frames at which, or at the first opportunity after which, the policy is judged."""
         distance = self.frames // self.curve_points
         return [distance * (point + 1) for point in range(self.curve_points)]
 
@@ -84,13 +84,13 @@ def returns(policy: Policy, seeds: range) -> list[float]:
 
 
 def final_returns(policy: Policy, settings: Settings) -> list[float]:
-    """Returns on the episodes that the comparison is about."""
+    """Returns on the episodes that are compared."""
     return returns(policy, range(_FIRST_FINAL_SEED, _FIRST_FINAL_SEED + settings.final_episodes))
 
 
 @dataclass
 class Progress:
-    """Judges a policy at equal distances of frames, and keeps the time that training took."""
+    """Judges a policy at regular numbers of frames, and measures the time of training."""
 
     settings: Settings
     curve: list[tuple[int, float]] = field(default_factory=list)
@@ -112,13 +112,13 @@ class Progress:
 
     @property
     def training_s(self) -> float:
-        """Seconds so far, without those of judging."""
+        """Seconds of training so far, without judging."""
         return time.perf_counter() - self._begun_s - self.judging_s
 
 
 @dataclass(frozen=True)
 class Learned:
-    """What a learner hands back."""
+    """What a learner returns."""
 
     policy: Policy
     progress: Progress

@@ -1,8 +1,8 @@
-"""One learner, one seed.
+"""Train one learner with one seed.
 
 ``python -m studies.simple_spread.train LIBRARY METHOD --seed 0 --out FILE``
 
-Runs in the environment of the library, which need not have ``orchid_uav``.
+This runs in the Python environment of the library, which need not have ``orchid_uav``.
 """
 
 import argparse
@@ -25,7 +25,7 @@ LIBRARIES = {
 
 
 def train(library: str, method: str, seed: int, settings: Settings) -> dict[str, Any]:
-    """Train, and judge what was learned."""
+    """Train a learner and judge its policy."""
     torch.set_num_threads(1)
     learners = importlib.import_module(f"studies.simple_spread.{library}_learners")
     learned = learners.learn(method, seed, settings)
@@ -45,7 +45,7 @@ def changed(settings: Settings, changes: list[str]) -> Settings:
     """``settings`` with "name=value" applied.
 
     Raises:
-        ValueError: no such setting that is a number, or no number.
+        ValueError: there is no numeric setting of that name, or the value is not a number.
     """
     kinds = {one.name: type(getattr(settings, one.name)) for one in fields(settings)}
     wanted = {}
