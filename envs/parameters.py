@@ -106,27 +106,27 @@ class NetworkParameters(Section):
     area_m: Annotated[float, within(1.0, 1e6)] = 2000.0
     """Side D of the square service area."""
     user_count: Annotated[int, within(2, 100_000), Flag("users", "world", "50..200:50")] = 100
-    """Number M of ground users; at least one more than UAVs."""
+    """Number M of ground users; there must be more users than UAVs."""
     uav_count: Annotated[int, within(1, 1000), Flag("uavs", "world", "4..10")] = 6
     """Number N of UAVs."""
     total_bandwidth_hz: Bandwidth | None = None
-    """If set, every UAV gets B = B_total / N instead of `subband_bandwidth_hz` (M2)."""
+    """B_total: if set, every UAV gets B = B_total / N instead of `subband_bandwidth_hz` (M2)."""
     subband_bandwidth_hz: Bandwidth = 10e6
     """Sub-band B of each UAV (M2)."""
     shares: Annotated[Literal["mmf", "pf", "se"] | None, Flag("shares", "method")] = None
-    """Bandwidth shares within a cell; by default those of the objective (M12)."""
+    """How a UAV shares its bandwidth among its users; by default as the objective does (M12)."""
     distribution: Annotated[Distribution, Flag("distribution", "world")] = "tcp"
-    """Where users are: a Thomas cluster process (M6) or uniform over the area."""
+    """How users are placed: by a Thomas cluster process (M6), or uniformly over the area."""
     hotspot_count: Annotated[int, within(1, 100_000)] = 5
     """Parent points K_p of the Thomas process."""
     scatter_std_m: Distance = 150.0
-    """Standard deviation of users around their parent point, per axis."""
+    """Standard deviation of the users around their parent point, per axis."""
     sensing_error_std_m: Distance = 0.0
     """Standard deviation of the error on the user positions that Phase I sees, per axis (M29)."""
     user_speed_mps: Annotated[
         float, within(0.0, 1000.0), Flag("speeds", "world", "0..15:2.5", is_of_runs=False)
     ] = 0.0
-    """Greatest speed of the users' random walk; 0 keeps them still (M16)."""
+    """Greatest speed of users in their random walk; with 0 they stand still (M16)."""
     heading_hold_s: Annotated[
         float, within(1e-3, 1e9), Flag("heading-hold", "world", "1,20", is_of_runs=False)
     ] = 1.0
@@ -134,7 +134,7 @@ class NetworkParameters(Section):
     slot_s: Annotated[float, within(1e-3, 86400.0)] = 1.0
     """Duration of a time slot."""
     episode_slots: Annotated[int, within(1, 1_000_000)] = 200
-    """Slots T of an episode, a time limit (M15)."""
+    """Number T of slots in an episode, which is a time limit (M15)."""
 
     @model_validator(mode="after")
     def _enough_users(self) -> NetworkParameters:
@@ -150,7 +150,7 @@ class UavParameters(Section):
     """What a UAV may do."""
 
     initial_altitude_m: Altitude = 100.0
-    """Altitude H_init at which an episode begins."""
+    """Altitude H_init of UAVs at the start of an episode."""
     min_altitude_m: Altitude = 80.0
     """Lowest altitude H_min."""
     max_altitude_m: Altitude = 120.0
@@ -158,7 +158,7 @@ class UavParameters(Section):
     max_speed_mps: Annotated[float, within(0.01, 1000.0)] = 15.0
     """Greatest 3-D speed V_max (M5)."""
     displacement_scale_m: tuple[Distance, Distance, Distance] = (15.0, 15.0, 5.0)
-    """V_scale: the move per slot that an action of 1 asks for, along x, y, z (M5)."""
+    """V_scale: displacement per slot for an action of 1, along x, y and z (M5)."""
     min_separation_m: Distance = 5.0
     """Safety clearance d_min between two UAVs."""
     min_transmit_power_w: TransmitPower = 0.1
@@ -166,11 +166,11 @@ class UavParameters(Section):
     max_transmit_power_w: TransmitPower = 0.2
     """Greatest transmit power P_max."""
     initial_transmit_power_w: TransmitPower | None = None
-    """Transmit power at the start of an episode; by default half-way between the limits (M10)."""
+    """Transmit power at the start of an episode; by default midway between the limits (M10)."""
     power_step_w: Annotated[float, within(0.0, 1e4)] = 0.01
-    """Change of transmit power per slot that an action of 1 asks for, delta_p."""
+    """Change delta_p of the transmit power per slot for an action of 1."""
     observation: Observation = "paper"
-    """What a UAV sees: `paper` is the 16 numbers of Section IV-C1 (M18)."""
+    """What a UAV observes: `paper` means the 16 numbers of Section IV-C1 (M18)."""
 
     @model_validator(mode="after")
     def _ordered(self) -> UavParameters:
@@ -215,9 +215,9 @@ class RotorParameters(Section):
     disc_area_m2: Annotated[float, within(1e-4, 1000.0)] = 0.503
     """Rotor disc area A."""
     climb_power: bool = False
-    """Add m g max(v_z, 0), which the paper's formula leaves out (M24)."""
+    """Whether to add the climb power m g max(v_z, 0), which the paper's formula omits (M24)."""
     mass_kg: Annotated[float, within(1e-3, 1e4)] = 4.7
-    """Mass for `climb_power`: P_i of Table I belongs to 4.7 kg, v_0 to 2 kg (M24)."""
+    """Mass m for `climb_power`; in Table I, P_i corresponds to 4.7 kg and v_0 to 2 kg (M24)."""
 
     def power_curve(self) -> dict[str, float]:
         """The keyword arguments of :func:`orchid_uav.envs.propulsion.propulsion_power_w`."""
@@ -236,11 +236,11 @@ class ChannelParameters(Section):
     excess_loss_los_db: ExcessLoss = 1.0
     """Mean excess loss eta_LoS."""
     excess_loss_nlos_db: ExcessLoss = 20.0
-    """Mean excess loss eta_NLoS, not below eta_LoS."""
+    """Mean excess loss eta_NLoS, which may not be below eta_LoS."""
     noise_density_dbm_per_hz: Annotated[float, within(-300.0, 100.0)] = -174.0
     """Noise power density N_0."""
     required_snr_db: RequiredSnr = 6.0
-    """SNR Gamma_req from which a user is served (M11)."""
+    """Least SNR Gamma_req at which a user is served (M11)."""
     access_transmit_gain_dbi: Level = 0.0
     """UAV antenna gain G_tx towards users (M3)."""
     access_receive_gain_dbi: Level = 0.0
@@ -313,14 +313,14 @@ class DeploymentParameters(Section):
     init: Annotated[Start, Flag("init", "method")] = "kmeans"
     """Where UAVs start: at GBS-aware K-Means++ centroids, or at random positions (M28)."""
     n_init: Annotated[int, within(1, 10_000)] = 1
-    """K-Means++ runs, of which the best by WCSS is kept (M27)."""
+    """Number of K-Means++ runs, of which the one with the least WCSS is kept (M27)."""
 
 
 class RewardParameters(Section):
-    """What is rewarded. A pair is a weight's value at training progress 0 and 1."""
+    """The reward. A pair holds the values of a weight at training progress 0 and 1."""
 
     objective: Annotated[Objective, Flag("objective", "method")] = "mmf"
-    """Rate term and shares: `mmf`, JFI and max-min, or `pf`, mean log rate and equal (M12, M13)."""
+    """Rate term and shares: `mmf` (JFI, max-min) or `pf` (mean log rate, equal) (M12, M13)."""
     coverage_weight: Weight = 0.5
     """Weight w_1 of coverage."""
     efficiency_weight: Pair = (0.2, 0.5)
@@ -332,13 +332,13 @@ class RewardParameters(Section):
     penalty_weight: Pair = (0.1, 0.3)
     """Weight w_5 of the penalties."""
     collision_penalty: Weight = 2.5
-    """Penalty lambda_c per UAV that is too close."""
+    """Penalty lambda_c for each other UAV that is too close."""
     boundary_penalty: Weight = 1.0
-    """Penalty lambda_b for a wanted position outside the flight box (M25)."""
+    """Penalty lambda_b for an action that leads out of the flight box (M25)."""
     backhaul_penalty: Pair = (0.0, 45.0)
     """Penalty lambda_bh for a weak backhaul (M8)."""
     log_rate_floor_bps: Annotated[float, within(1e-3, 1e12)] = 10e3
-    """R_lo of the PF reward: the rate that is worth nothing (M13)."""
+    """R_lo of the PF reward: rates up to this one earn nothing (M13)."""
     power_epsilon_w: Annotated[float, within(0.0, 1e6)] = 1e-9
     """Constant epsilon in the denominator of the energy efficiency."""
 

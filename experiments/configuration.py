@@ -41,9 +41,9 @@ class PpoParameters(Section):
     """MAPPO."""
 
     actor_learning_rate: LearningRate = 1e-4
-    """Learning rate eta_actor; with both at 0 the policy stays as it began."""
+    """Learning rate eta_actor of the actor; if both rates are 0 the policy never changes."""
     critic_learning_rate: LearningRate = 1e-3
-    """Learning rate eta_critic."""
+    """Learning rate eta_critic of the critic."""
     discount: Fraction = 0.99
     """Discount factor gamma_df."""
     gae_lambda: Fraction = 0.95
@@ -51,7 +51,7 @@ class PpoParameters(Section):
     clip_ratio: Annotated[float, Field(gt=0, lt=1)] = 0.2
     """Clip ratio epsilon_clip."""
     batch_size: Annotated[int, within(2, 10_000_000)] = 128
-    """Samples per gradient step, a sample being one UAV's step."""
+    """Samples per gradient step; one sample is one step of one UAV."""
     epochs: Annotated[int, within(1, 10_000)] = 4
     """Passes over each rollout."""
     entropy_coef: Pair = (0.01, 0.0)
@@ -59,11 +59,11 @@ class PpoParameters(Section):
     value_coef: Weight = 0.5
     """Weight of the value loss (M31)."""
     max_grad_norm: GradientNorm = 0.5
-    """Gradient norm at which actor and critic are clipped, each by itself (M31)."""
+    """Greatest gradient norm, for actor and critic separately (M31)."""
     hidden_sizes: LayerSizes = (256, 256, 256)
     """Hidden layers of actor and critic."""
     log_std_init: Annotated[float, within(-50.0, 50.0)] = 0.0
-    """First value of the actor's log standard deviation (M31)."""
+    """Initial value of the actor's log standard deviation (M31)."""
     adam_epsilon: AdamEpsilon = 1e-5
     """Adam's epsilon (M31)."""
 
@@ -72,25 +72,25 @@ class MaddpgParameters(Section):
     """MADDPG; what the paper does not give is decision M32."""
 
     actor_learning_rate: LearningRate = 1e-4
-    """Learning rate of the actor, as eta_actor."""
+    """Learning rate of the actor, the same as eta_actor."""
     critic_learning_rate: LearningRate = 1e-3
-    """Learning rate of the critic, as eta_critic."""
+    """Learning rate of the critic, the same as eta_critic."""
     discount: Fraction = 0.99
     """Discount factor gamma_df."""
     batch_size: Annotated[int, within(2, 10_000_000)] = 128
-    """Whole-fleet transitions per update."""
+    """Transitions per update; one transition is one step of the whole fleet."""
     buffer_size: Annotated[int, within(2, 10_000_000)] = 100_000
-    """Whole-fleet transitions kept for replay (M32)."""
+    """Transitions of the whole fleet that are kept for replay (M32)."""
     target_rate: Annotated[float, Field(gt=0, le=1)] = 0.01
-    """Share of the networks that their targets take over at an update (M32)."""
+    """Share by which the target networks move towards the networks at each update (M32)."""
     exploration_std: Annotated[float, within(0.0, 1000.0)] = 0.1
     """Standard deviation of the Gaussian noise on actions in [-1, 1] (M32)."""
     update_every_slots: Annotated[int, within(1, 1_000_000)] = 4
-    """Slots between two updates (M32)."""
+    """Slots from one update to the next (M32)."""
     preactivation_penalty: Weight = 1e-3
-    """Weight of the squared actor's output before tanh in its loss (Lowe et al.'s code)."""
+    """Weight, in the actor's loss, of its squared output before tanh (as in Lowe et al.'s code)."""
     max_grad_norm: GradientNorm = 0.5
-    """Gradient norm at which actor and critic are clipped, each by itself."""
+    """Greatest gradient norm, for actor and critic separately."""
     hidden_sizes: LayerSizes = (256, 256, 256)
     """Hidden layers of actor and critic."""
     adam_epsilon: AdamEpsilon = 1e-5
@@ -108,50 +108,52 @@ class MaddpgParameters(Section):
 class ResetParameters(Section):
     """Reset-and-Finetune."""
 
-    enabled: Annotated[bool, Flag("no-rf", "method", help="Without Reset-and-Finetune.")] = True
-    """Whether Reset-and-Finetune acts at all."""
+    enabled: Annotated[bool, Flag("no-rf", "method", help="Train without Reset-and-Finetune.")] = (
+        True
+    )
+    """Whether Reset-and-Finetune is used."""
     window: Episodes = 50
-    """Episodes W of each of the two windows compared."""
+    """Episodes W in each of the two windows that are compared."""
     tolerance_jfi: Tolerance = 0.05
-    """Relative change of the rate JFI below which it counts as plateaued."""
+    """Relative change of the rate JFI below which it is on a plateau."""
     tolerance_reward: Tolerance = 0.05
-    """Relative change of the reward below which it counts as plateaued."""
+    """Relative change of the reward below which it is on a plateau."""
     kappa: Annotated[float, Field(gt=0, le=1), Flag("kappa", "method", "0.1,0.5")] = 0.5
-    """Factor on both learning rates at a reset (M1)."""
+    """Factor by which a reset multiplies both learning rates (M1)."""
     max_resets: Annotated[int, within(1, 1_000_000)] = 1
-    """Interventions at most (M22)."""
+    """Greatest number of interventions (M22)."""
     trigger: Literal["plateau", "random"] = "plateau"
-    """When it acts; `random`, a control, draws the episodes before training."""
+    """When it intervenes; `random`, a control, draws the episodes before training."""
     clear_optimizer: bool = True
-    """Whether a reset clears Adam's moments; without, a control, it lowers the rates alone."""
+    """Whether a reset clears Adam's moments; if not (a control), it only lowers the rates."""
 
 
 class CheckpointParameters(Section):
-    """Saved states that a run can go on from."""
+    """Saved states from which a run can continue."""
 
     every_episodes: Episodes = 50
     """Episodes from one checkpoint to the next."""
     keep: Annotated[int, within(1, 1000)] = 3
-    """Latest checkpoints that are kept."""
+    """Number of latest checkpoints that are kept."""
 
 
 class TrainingParameters(Section):
-    """How long, from which seed, with which algorithm."""
+    """The length, seed and algorithm of a training."""
 
     algorithm: Annotated[Literal["mappo", "maddpg"], Flag("algorithm")] = "mappo"
-    """Learning algorithm; `maddpg` comes without Reset-and-Finetune unless it is asked for."""
+    """Learning algorithm; `maddpg` uses Reset-and-Finetune only if `reset.enabled` is set."""
     episodes: Annotated[Episodes, Flag("episodes")] = 700
-    """Training episodes E_max."""
+    """Number E_max of training episodes."""
     seed: Annotated[int, within(0, 2**32 - 1), Flag("seed")] = 0
     """Seed of topologies, weights and exploration."""
     worlds: Annotated[int, within(1, 100_000), Flag("worlds")] = 1
-    """Worlds flown side by side; an update follows after each has flown one episode."""
+    """Worlds flown in parallel; an update follows when each has flown one episode."""
     schedule_episodes: Episodes | None = None
-    """Episodes over which training progress grows from 0 to 1; none: all of them (M9)."""
+    """Episodes over which training progress grows from 0 to 1; none means all episodes (M9)."""
     final_learning_rate_scale: Fraction = 1.0
-    """Factor on both learning rates at training progress 1, reached linearly; 1: constant."""
+    """Factor on both learning rates at training progress 1, reached linearly; 1 keeps them."""
     threads: Annotated[int, within(1, 256)] = 1
-    """Threads of torch; one is fastest for networks of this size."""
+    """Threads that PyTorch uses; one is fastest for networks of this size."""
 
 
 class RunConfig(Parameters):
