@@ -114,7 +114,7 @@ class NetworkParameters(Section):
     subband_bandwidth_hz: Bandwidth = 10e6
     """Sub-band B of each UAV (M2)."""
     shares: Annotated[Literal["mmf", "pf", "se"] | None, Flag("shares", "method")] = None
-    """How a UAV shares its bandwidth among its users; by default as the objective does (M12)."""
+    """Rule by which a UAV shares its band among its users; by default the objective's (M12)."""
     distribution: Annotated[Distribution, Flag("distribution", "world")] = "tcp"
     """How users are placed: by a Thomas cluster process (M6), or uniformly over the area."""
     hotspot_count: Annotated[int, within(1, 100_000)] = 5

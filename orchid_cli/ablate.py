@@ -124,7 +124,7 @@ def ablate(
     """Train a base and its variants on the same seeds, fly them, and compare pair by pair.
 
     Ctrl-C stops and keeps the finished results; the same command with the same --out continues and
-    does not train finished seeds again. The same way, seeds and variants can be added to a study.
+    does not train finished seeds again. Seeds and variants can be added to a study in the same way.
 
     Example: orchid ablate --no-rf --kappa 0.1,0.3 --seeds 0..4 --jobs 2
     """

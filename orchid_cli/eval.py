@@ -139,7 +139,7 @@ def evaluate(
     quiet: QuietOption = False,
     debug: DebugOption = False,
 ) -> None:
-    """Fly all methods over the same held-out topologies; write tables, figures, a row per episode.
+    """Fly all methods over the same held-out topologies; write tables, figures and episode rows.
 
     The released policies were trained with 6 UAVs and 100 users, and fly every setting. If several
     options are lists, all combinations are flown. Ctrl-C stops and keeps the finished results; the

@@ -114,7 +114,8 @@ def list_runs(
         int | None,
         typer.Option(
             min=0,
-            help=f"Most runs to list, 0 for all (default: {SHOWN_ON_TERMINAL} on a terminal).",
+            help=f"Most runs to list, 0 for all (default: {SHOWN_ON_TERMINAL} on a terminal, "
+            "else all).",
             rich_help_panel=_SELECTION,
             show_default=False,
         ),

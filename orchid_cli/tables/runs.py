@@ -216,7 +216,7 @@ def _print_metrics(out: Console, runs: Sequence["Run"], names: Sequence[str]) ->
 
     apart = reward_differences([run.config for run in runs])
     if len({run.record.episodes for run in runs}) > 1:
-        apart.append("the number of episodes so far, on which the reward's weights depend")
+        apart.append("the number of episodes so far (it sets the reward's weights)")
     rows = []
     for key in TRAINING_METRICS:
         values = [run.record.final.get(key) for run in runs]

@@ -647,7 +647,7 @@ class TestCompare:
         ("config", "episodes", "told"),
         [
             ({"reward__objective": "pf"}, 3, "reward.objective"),
-            ({}, 4, "the number of episodes so far, on which the reward's weights depend"),
+            ({}, 4, "the number of episodes so far (it sets the reward's weights)"),
         ],
     )
     def test_rewards_of_two_functions_have_no_difference(
