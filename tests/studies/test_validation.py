@@ -405,7 +405,7 @@ class TestRecords:
             program.main()
         assert ended.value.code == 2
         said = capsys.readouterr().err
-        assert ("not committed" if commit else "no checkout of git") in said
+        assert ("uncommitted changes" if commit else "not a git checkout") in said
         assert "--allow-changes" in said
 
     @pytest.mark.parametrize(
