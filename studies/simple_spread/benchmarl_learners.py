@@ -77,7 +77,7 @@ class GaussianMappo(Mappo):
 
 
 class GaussianMappoConfig(MappoConfig):
-    """Of :class:`GaussianMappo`."""
+    """The configuration of :class:`GaussianMappo`."""
 
     @staticmethod
     def associated_class() -> type[Mappo]:
