@@ -496,7 +496,7 @@ class TestFinished:
         assert document["status"] == "completed"
         assert document["settings"]["variants"] == {"no-rf": {"reset.enabled": False}}
         assert "seeds 0, 1\n" in finished.err
-        assert "base, no-rf: 2 x 2 seeds = 4 runs of 8 episodes, 0 of them done" in finished.err
+        assert "base, no-rf: 2 x 2 seeds = 4 runs of 8 episodes, 0 of them already done" in finished.err
         assert "if it stops, continue with: orchid ablate --base=" in finished.err
 
     def test_leaves_runs_flights_curves_and_nothing_unknown(self, finished):
@@ -779,7 +779,7 @@ class TestFailures:
 
         monkeypatch.setattr(ablation_study, "write_json", full)
         failed = ablate("--no-rf", "--seeds=0,1", f"--out={study}", "--quiet", "--json")
-        assert_is_an_error(failed, f"cannot write to {study}", "No space", "tries again", code=1)
+        assert_is_an_error(failed, f"cannot write to {study}", "No space", "try again with", code=1)
 
     def test_of_drawing_cost_no_result(self, ablate, study, finished, monkeypatch):
         def fail(*arguments, **options):

@@ -501,7 +501,7 @@ def test_lists_all_methods(evaluate_tiny, tmp_path):
         (["--set=network.shares=pf"], ["--methods"]),
         (["--set=deployment.init=random"], ["--methods"]),
         (["--uavs=1..100", "--users=2..10001"], ["1,000,000 settings"]),
-        (["--uavs=2,0"], ["--uavs 2,0", "no whole number"]),
+        (["--uavs=2,0"], ["--uavs 2,0", "not a whole number"]),
         (["~nosuchuser/run"], ["~nosuchuser"]),
         (["x" * 300], ["xxx"]),
         (["--episodes=1000000"], ["episodes"]),
