@@ -496,7 +496,10 @@ class TestFinished:
         assert document["status"] == "completed"
         assert document["settings"]["variants"] == {"no-rf": {"reset.enabled": False}}
         assert "seeds 0, 1\n" in finished.err
-        assert "base, no-rf: 2 x 2 seeds = 4 runs of 8 episodes, 0 of them already done" in finished.err
+        assert (
+            "base, no-rf: 2 x 2 seeds = 4 runs of 8 episodes, 0 of them already done"
+            in finished.err
+        )
         assert "if it stops, continue with: orchid ablate --base=" in finished.err
 
     def test_leaves_runs_flights_curves_and_nothing_unknown(self, finished):
