@@ -32,7 +32,7 @@ from orchid_uav.experiments.runs.records import RunRecord, read_record
 from orchid_uav.experiments.training import loop as training
 from orchid_uav.experiments.training.checkpoints import STATE_ERRORS, CheckpointStore
 from orchid_uav.experiments.training.state import Training
-from orchid_uav.storage.files import read_document
+from orchid_uav.storage.files import read_document, write_json
 from orchid_uav.storage.tensors import TensorSpec, read_tensors
 from tests.helpers.damage import (
     DAMAGES,
@@ -712,6 +712,22 @@ class TestDocuments:
         path.write_bytes(b'{"a": 1}')
         with little_memory():
             assert read_document(path, largest=2**40) == {"a": 1}
+
+    @pytest.mark.parametrize("length", [1, 10_000])
+    def test_are_read_whole_if_another_process_replaces_them_meanwhile(
+        self, tmp_path, monkeypatch, length
+    ):
+        path = tmp_path / "a.json"
+        path.write_text(json.dumps({"former": "x" * 100}), encoding="utf-8")
+        replacement = {"new": "y" * length}
+        open_path = Path.open
+
+        def open_what_has_been_replaced(self, *arguments, **keywords):
+            write_json(self, replacement)
+            return open_path(self, *arguments, **keywords)
+
+        monkeypatch.setattr(Path, "open", open_what_has_been_replaced)
+        assert read_document(path) == replacement
 
 
 def test_tensors_of_all_kinds_are_read_as_they_were_written(tmp_path):

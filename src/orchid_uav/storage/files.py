@@ -12,7 +12,8 @@ import math
 import os
 import stat
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
 
@@ -114,10 +115,17 @@ def _check_content(document: Any, text: str) -> None:
     raise ValueError(f"it is nested deeper than {_DEEPEST_DOCUMENT} levels")
 
 
-def _check_size(path: Path, largest: int) -> int:
-    """The size of a regular file that may be read."""
-    status = path.stat()
-    if not stat.S_ISREG(status.st_mode):  # opening a pipe would wait for ever
+@contextmanager
+def _regular_file(path: Path, largest: int) -> Iterator[tuple[IO[bytes], int]]:
+    """An open regular file that may be read, and its size."""
+    _check_size(path, path.stat(), largest)  # opening a pipe would wait for ever
+    with path.open("rb") as file:
+        # Another process may have replaced what was looked at: the size is that of what is open.
+        yield file, _check_size(path, os.fstat(file.fileno()), largest)
+
+
+def _check_size(path: Path, status: os.stat_result, largest: int) -> int:
+    if not stat.S_ISREG(status.st_mode):
         raise ValueError(f"{path} is not a regular file")
     if status.st_size > largest:
         raise ValueError(
@@ -133,8 +141,7 @@ def read_bytes(path: Path, largest: int) -> bytes:
         OSError: it cannot be read.
         ValueError: it is no regular file, or too large.
     """
-    size = _check_size(path, largest)
-    with path.open("rb") as file:
+    with _regular_file(path, largest) as (file, size):
         return file.read(size)  # Python takes memory for all that is asked for
 
 
@@ -145,9 +152,8 @@ def checksum_of_file(path: Path, largest: int) -> str:
         OSError: it cannot be read.
         ValueError: it is no regular file, or too large.
     """
-    _check_size(path, largest)
     digest = hashlib.sha256()
-    with path.open("rb") as file:
+    with _regular_file(path, largest) as (file, _size):
         while chunk := file.read(_CHUNK):
             digest.update(chunk)
     return digest.hexdigest()
