@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterable, Sequence
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import torch
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.type_aliases import Schedule
 from torch import nn
+from torch.nn import functional
 
 HIDDEN_SIZES = (256, 256, 256)
 """Hidden layers of actor and critic (Section VI-A)."""
@@ -21,13 +22,28 @@ ADAM = {"eps": 1e-5, "fused": True}
 LAST_ACTOR_GAIN, LAST_CRITIC_GAIN = 0.01, 1.0
 
 
-def perceptron(inputs: int, hidden_sizes: Sequence[int], outputs: int) -> nn.Sequential:
+class Perceptron(nn.Sequential):
+    """Linear layers with ReLU between them, applied with less overhead than ``Sequential`` has.
+
+    A step of the rollout sends six rows through four small layers: calling seven modules for that
+    takes a seventh of its time.
+    """
+
+    def forward(self, rows: torch.Tensor) -> torch.Tensor:
+        """Outputs (rows, outputs) of inputs (rows, inputs)."""
+        *hidden_layers, last = cast(list[nn.Linear], list(self)[::2])
+        for layer in hidden_layers:
+            rows = functional.linear(rows, layer.weight, layer.bias).relu_()
+        return functional.linear(rows, last.weight, last.bias)
+
+
+def perceptron(inputs: int, hidden_sizes: Sequence[int], outputs: int) -> Perceptron:
     """A multi-layer perceptron with ReLU between its layers."""
     layers: list[nn.Module] = []
     for size in hidden_sizes:
         layers += [nn.Linear(inputs, size), nn.ReLU(inplace=True)]
         inputs = size
-    return nn.Sequential(*layers, nn.Linear(inputs, outputs))
+    return Perceptron(*layers, nn.Linear(inputs, outputs))
 
 
 def initialise_orthogonally(network: nn.Sequential, last_gain: float) -> None:

@@ -122,7 +122,7 @@ class BareUpdates:
         self._minibatches = [
             batch
             for _ in range(config.ppo.epochs)
-            for batch in model.rollout_buffer.get(config.ppo.batch_size)
+            for batch in model.rollout_buffer.get(config.ppo.batch_size, config.ppo.minibatch)
         ]
 
     @property
@@ -152,7 +152,9 @@ class BareUpdates:
         likelihood = (log_prob - batch.old_log_prob).exp()
         clipped = likelihood.clamp(1.0 - ppo.clip_ratio, 1.0 + ppo.clip_ratio)
         policy_loss = -torch.min(advantages * likelihood, advantages * clipped).mean()
-        value_loss = functional.mse_loss(policy.critic(batch.states).squeeze(-1), batch.returns)
+        value_loss = functional.mse_loss(
+            policy.critic(batch.states).squeeze(-1)[batch.state_of_row], batch.returns
+        )
         loss = policy_loss - ppo.entropy_coef[0] * entropy + ppo.value_coef * value_loss
         policy.optimizer.zero_grad()
         loss.backward()

@@ -51,7 +51,9 @@ class PpoParameters(Section):
     clip_ratio: Annotated[float, Field(gt=0, lt=1)] = 0.2
     """Clip ratio epsilon_clip."""
     batch_size: Annotated[int, within(2, 10_000_000)] = 128
-    """Samples per gradient step; one sample is one step of one UAV."""
+    """Rows or slots per gradient step, as `ppo.minibatch` says."""
+    minibatch: Literal["rows", "slots"] = "rows"
+    """What a batch counts: `rows`, a step of one UAV each, or `slots`, a step of all UAVs (M34)."""
     epochs: Annotated[int, within(1, 10_000)] = 4
     """Passes over each rollout."""
     entropy_coef: Pair = (0.01, 0.0)

@@ -17,6 +17,7 @@ from studies.recording import RESULTS, add_allow_changes, require_commit, write_
 ABLATIONS: dict[str, tuple[str, ...]] = {
     "ablation_no_rf": ("--no-rf",),
     "ablation_controls": ("--no-rf", "--controls", "reset-only,decay-only"),
+    "ablation_minibatch": ("--base", "ppo.minibatch=rows", "--set", "ppo.minibatch=slots"),
 }
 
 

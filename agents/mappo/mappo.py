@@ -1,7 +1,7 @@
 """Multi-agent PPO with a centralised critic on top of SB3's PPO (Section IV-C4)."""
 
 import warnings
-from typing import Any, ClassVar, cast
+from typing import Any, ClassVar, cast, get_args
 
 import numpy as np
 import torch
@@ -9,16 +9,23 @@ from numpy.typing import NDArray
 from stable_baselines3 import PPO
 from stable_baselines3.common.buffers import RolloutBuffer
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.distributions import Distribution
 from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.type_aliases import GymEnv, Schedule
 from stable_baselines3.common.utils import explained_variance
 from stable_baselines3.common.vec_env import VecEnv
 from torch.nn import functional
 
-from orchid_uav.agents.centralized_training import CentralizedTraining, DivergedError, Rows
-from orchid_uav.agents.mappo.policy import CentralizedCriticPolicy
-from orchid_uav.agents.mappo.rollout_buffer import CentralizedRolloutBuffer, MiniBatch
+from orchid_uav.agents.centralized_training import CentralizedTraining, Rows
+from orchid_uav.agents.mappo.policy import (
+    CentralizedCriticPolicy,
+    gaussian_entropy,
+    gaussian_log_density,
+)
+from orchid_uav.agents.mappo.rollout_buffer import (
+    CentralizedRolloutBuffer,
+    MiniBatch,
+    MiniBatchUnit,
+)
 from orchid_uav.agents.networks import check_spaces
 
 _METRICS = ("policy_gradient_loss", "value_loss", "entropy", "approx_kl", "clip_fraction")
@@ -48,11 +55,15 @@ class MAPPO(CentralizedTraining, PPO):
         learning_rate: of the actor, eta_actor.
         critic_learning_rate: of the critic, eta_critic.
         n_steps: steps per rollout and world; an episode by default.
+        batch_size: rows or slots of a mini-batch.
+        minibatch: what ``batch_size`` counts, "rows" (one step of one agent) or "slots" (one step
+            of all agents of a world) (M34).
         kwargs: further arguments of SB3's PPO.
     """
 
     policy: CentralizedCriticPolicy
     rollout_buffer: CentralizedRolloutBuffer
+    minibatch: MiniBatchUnit = "rows"
     policy_aliases: ClassVar[dict[str, type[BasePolicy]]] = {
         "CentralizedCriticPolicy": CentralizedCriticPolicy
     }
@@ -65,13 +76,17 @@ class MAPPO(CentralizedTraining, PPO):
         critic_learning_rate: float | Schedule = 1e-3,
         n_steps: int = 200,
         batch_size: int = 128,
+        minibatch: MiniBatchUnit = "rows",
         n_epochs: int = 4,
         ent_coef: float = 0.01,
         device: torch.device | str = "cpu",
         _init_setup_model: bool = True,
         **kwargs: Any,
     ) -> None:
+        if minibatch not in get_args(MiniBatchUnit):
+            raise ValueError(f"minibatch is {minibatch!r}: rows or slots")
         self.critic_learning_rate = critic_learning_rate
+        self.minibatch = minibatch
         with warnings.catch_warnings():
             # A rollout of T·N samples is what the paper updates on, whether 128 divides it or not.
             warnings.filterwarnings("ignore", message=".*truncated mini-batch.*")
@@ -109,8 +124,8 @@ class MAPPO(CentralizedTraining, PPO):
     ) -> bool:
         """Fill the buffer; False if a callback asked to stop.
 
-        Only the actor runs in the loop. Log probabilities and values follow in one batch: the
-        weights do not change meanwhile.
+        Only the actor runs in the loop. Values follow in one batch: the weights do not change
+        meanwhile. Log probabilities follow from the noise that was drawn.
         """
         buffer = self.rollout_buffer
         buffer.reset()
@@ -118,14 +133,16 @@ class MAPPO(CentralizedTraining, PPO):
         callback.on_rollout_start()
         rows = self._rows_within_budget(env.num_envs, n_rollout_steps)
         buffer.limit_rows(rows)
-        std = self.policy.log_std.detach().exp()
-        noise = torch.randn(n_rollout_steps, env.num_envs, len(std), device=self.device) * std
+        deviations = torch.randn(
+            n_rollout_steps, env.num_envs, self.policy.log_std.numel(), device=self.device
+        )
+        noise = (deviations * self.policy.log_std.detach().exp()).cpu().numpy()
         time_limits: list[tuple[int, int, NDArray[np.float32]]] = []
         for step in range(n_rollout_steps):
             observation, starts = self._last_rows()
             with torch.inference_mode():
                 local = torch.as_tensor(observation["observation"], device=self.device)
-                actions = (self.policy.action_mean(local) + noise[step]).cpu().numpy()
+                actions = self.policy.action_mean(local).cpu().numpy() + noise[step]
             self._check_actions(actions)
             new_observation, rewards, dones, infos = env.step(self.policy.unscale_action(actions))
             buffer.add(observation, actions, rewards, starts)
@@ -138,12 +155,16 @@ class MAPPO(CentralizedTraining, PPO):
             callback.update_locals(locals())
             if not callback.on_step():
                 return False
-        self._evaluate_rollout(time_limits)
+        self._evaluate_rollout(deviations, time_limits)
         callback.update_locals(locals())
         callback.on_rollout_end()
         return True
 
-    def _evaluate_rollout(self, time_limits: list[tuple[int, int, NDArray[np.float32]]]) -> None:
+    def _evaluate_rollout(
+        self,
+        deviations: torch.Tensor,
+        time_limits: list[tuple[int, int, NDArray[np.float32]]],
+    ) -> None:
         """Values, log probabilities, advantages; a time limit is no end of the return (M15)."""
         buffer = self.rollout_buffer
         last_observation, starts = self._last_rows()
@@ -151,30 +172,24 @@ class MAPPO(CentralizedTraining, PPO):
         states = [buffer.states.reshape(-1, buffer.states.shape[-1]), last_states]
         if time_limits:
             states.append(np.stack([state for _, _, state in time_limits]))
-        values = self._in_chunks(self.policy.state_value, np.concatenate(states))
+        values = self._state_values(np.concatenate(states))
         stored, last, limits = np.split(values, [len(states[0]), len(states[0]) + len(last_states)])
         for (step, row, _), value in zip(time_limits, limits, strict=True):
             buffer.rewards[step, row] += self.gamma * value
-        log_probs = self._in_chunks(
-            lambda observations, actions: self._distribution(observations).log_prob(actions),
-            buffer.observations.reshape(-1, buffer.observations.shape[-1]),
-            buffer.actions.reshape(-1, buffer.actions.shape[-1]),
-        )
+        with torch.inference_mode():
+            log_probs = gaussian_log_density(deviations, self.policy.log_std).cpu().numpy()
         buffer.finish(
             stored.reshape(buffer.states.shape[:2]),
-            log_probs.reshape(buffer.actions.shape[:2]),
+            log_probs,
             torch.from_numpy(last),
             starts,
         )
 
-    def _in_chunks(self, function: Any, *arrays: NDArray[np.float32]) -> NDArray[np.float32]:
+    def _state_values(self, states: NDArray[np.float32]) -> NDArray[np.float32]:
         with torch.inference_mode():
             chunks = [
-                function(*(tensor.to(self.device) for tensor in tensors)).cpu().numpy()
-                for tensors in zip(
-                    *(torch.from_numpy(array).split(_ROWS_PER_FORWARD) for array in arrays),
-                    strict=True,
-                )
+                self.policy.state_value(rows.to(self.device)).cpu().numpy()
+                for rows in torch.from_numpy(states).split(_ROWS_PER_FORWARD)
             ]
         return np.concatenate(chunks)
 
@@ -194,7 +209,7 @@ class MAPPO(CentralizedTraining, PPO):
     def _train_epoch(self, measured: list[torch.Tensor]) -> bool:
         """One pass over the rollout; False if ``target_kl`` was exceeded."""
         groups = self.policy.actor_parameters(), self.policy.critic_parameters()
-        for batch in self.rollout_buffer.get(self.batch_size):
+        for batch in self.rollout_buffer.get(self.batch_size, self.minibatch):
             loss, metrics = self._loss(batch)
             measured.append(metrics)
             if self.target_kl is not None and metrics[_KL_METRIC] > 1.5 * self.target_kl:
@@ -210,9 +225,10 @@ class MAPPO(CentralizedTraining, PPO):
         """Loss to minimise, and the metrics named ``_METRICS``."""
         progress = self._current_progress_remaining
         clip_range = cast(Schedule, self.clip_range)(progress)
-        distribution = self._distribution(batch.observations)
-        log_prob = distribution.log_prob(batch.actions)
-        entropy = cast(torch.Tensor, distribution.entropy()).mean()
+        log_std = self.policy.log_std
+        mean = self.policy.action_mean(batch.observations)
+        log_prob = gaussian_log_density((batch.actions - mean) * torch.exp(-log_std), log_std)
+        entropy = gaussian_entropy(log_std)
         advantages = batch.advantages
         if self.normalize_advantage and len(advantages) > 1:
             advantages = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
@@ -220,7 +236,7 @@ class MAPPO(CentralizedTraining, PPO):
         ratio = log_ratio.exp()
         clipped_ratio = ratio.clamp(1.0 - clip_range, 1.0 + clip_range)
         policy_loss = -torch.min(advantages * ratio, advantages * clipped_ratio).mean()
-        values = self.policy.state_value(batch.states)
+        values = self.policy.state_value(batch.states).index_select(0, batch.state_of_row)
         if self.clip_range_vf is not None:
             limit = cast(Schedule, self.clip_range_vf)(progress)
             values = batch.old_values + (values - batch.old_values).clamp(-limit, limit)
@@ -231,14 +247,6 @@ class MAPPO(CentralizedTraining, PPO):
             clip_fraction = ((ratio - 1.0).abs() > clip_range).float().mean()
             metrics = torch.stack([policy_loss, value_loss, entropy, divergence, clip_fraction])
         return loss, metrics
-
-    def _distribution(self, observations: torch.Tensor) -> Distribution:
-        try:
-            return self.policy.distribution(observations)
-        except ValueError as error:  # of torch, with all the numbers in it
-            raise DivergedError(
-                f"update {self._n_updates + 1}: mean or deviation of the actions is not finite"
-            ) from error
 
     def _log_update(self, metrics: dict[str, float]) -> None:
         self._log_learning_rates()

@@ -1,5 +1,6 @@
 """Actor on local observations, critic on the global state."""
 
+import math
 from collections.abc import Sequence
 from typing import Any, cast
 
@@ -22,6 +23,7 @@ from orchid_uav.agents.networks import (
 )
 
 Observations = dict[str, torch.Tensor]
+_HALF_LOG_TWO_PI = 0.5 * math.log(2.0 * math.pi)
 
 
 class CentralizedCriticPolicy(LocalActorPolicy, ActorCriticPolicy):
@@ -130,3 +132,17 @@ class CentralizedCriticPolicy(LocalActorPolicy, ActorCriticPolicy):
     def predict_values(self, obs: Observations) -> torch.Tensor:  # type: ignore[override]
         """Values (rows, 1); reads ``obs["state"]`` alone."""
         return self.critic(obs["state"].float())
+
+
+# The same as torch.distributions.Normal, without the checks and objects that take a tenth of the
+# time of an update.
+
+
+def gaussian_log_density(deviations: torch.Tensor, log_std: torch.Tensor) -> torch.Tensor:
+    """Log density (...,) of actions that are ``deviations`` (..., A) std from their mean."""
+    return -(0.5 * deviations.square() + log_std + _HALF_LOG_TWO_PI).sum(dim=-1)
+
+
+def gaussian_entropy(log_std: torch.Tensor) -> torch.Tensor:
+    """Entropy, a scalar, of a Gaussian over actions with log standard deviations (A,)."""
+    return (log_std + 0.5 + _HALF_LOG_TWO_PI).sum()

@@ -1,7 +1,7 @@
 """Storage of one rollout, with the global state kept once per world instead of once per UAV."""
 
 from collections.abc import Generator
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import torch
@@ -12,13 +12,23 @@ from stable_baselines3.common.buffers import RolloutBuffer
 Floats = NDArray[np.float32]
 
 
+MiniBatchUnit = Literal["rows", "slots"]
+"""What a batch size counts: rows (one step of one UAV), or slots (of all UAVs of a world)."""
+
+
 class MiniBatch(NamedTuple):
-    """Samples of one gradient step, a row per UAV and step."""
+    """Samples of one gradient step: a row per UAV and step, and the states that they share."""
 
     observations: torch.Tensor
+    """(rows, O)."""
     states: torch.Tensor
+    """(states, S), each once."""
+    state_of_row: torch.Tensor
+    """Index of every row's state, (rows,)."""
     actions: torch.Tensor
+    """(rows, A)."""
     old_values: torch.Tensor
+    """(rows,), as are those that follow."""
     old_log_prob: torch.Tensor
     advantages: torch.Tensor
     returns: torch.Tensor
@@ -97,28 +107,48 @@ class CentralizedRolloutBuffer(RolloutBuffer):
         last_values = last_state_values.repeat_interleave(self.agents_per_world)
         self.compute_returns_and_advantage(last_values, dones)
 
-    def get(self, batch_size: int | None = None) -> Generator[MiniBatch, None, None]:  # type: ignore[override]
-        """Random mini-batches that together hold every sample once."""
+    def get(  # type: ignore[override]
+        self, batch_size: int | None = None, unit: MiniBatchUnit = "rows"
+    ) -> Generator[MiniBatch, None, None]:
+        """Random mini-batches that together hold every sample once.
+
+        Args:
+            batch_size: rows or slots of a mini-batch; by default all.
+            unit: which of the two (M34).
+        """
         if not self.full:
             raise RuntimeError("the rollout is not complete")
-        states = torch.as_tensor(self.states.reshape(-1, self.states.shape[-1]), device=self.device)
-        by_row = [
-            torch.as_tensor(array[:, : self.rows].reshape(-1, *array.shape[2:]), device=self.device)
+        agents = self.agents_per_world
+        worlds = self.rows // agents
+        # Row i of these arrays belongs to slot i // agents, whose state is that row of the states.
+        states, *by_row = (
+            torch.as_tensor(array.reshape(-1, *array.shape[2:]), device=self.device)
             for array in (
-                self.observations,
-                self.actions,
-                self.values,
-                self.log_probs,
-                self.advantages,
-                self.returns,
+                self.states[:, :worlds],
+                *(
+                    array[:, : self.rows]
+                    for array in (
+                        self.observations,
+                        self.actions,
+                        self.values,
+                        self.log_probs,
+                        self.advantages,
+                        self.returns,
+                    )
+                ),
             )
-        ]
-        samples = self.buffer_size * self.rows
-        step, row = np.divmod(np.arange(samples), self.rows)
-        state_of_sample = torch.from_numpy(
-            step * self.states.shape[1] + row // self.agents_per_world
-        ).to(self.device)
-        order = torch.randperm(samples).to(self.device)
-        for chosen in order.split(batch_size or samples):
-            observations, actions, *scalars = (array[chosen] for array in by_row)
-            yield MiniBatch(observations, states[state_of_sample[chosen]], actions, *scalars)
+        )
+        units = len(states) if unit == "slots" else len(states) * agents
+        for drawn in torch.randperm(units).to(self.device).split(batch_size or units):
+            if unit == "slots":
+                slots = drawn
+                rows = (
+                    slots[:, None] * agents + torch.arange(agents, device=self.device)
+                ).flatten()
+                state_of_row = torch.arange(len(slots), device=self.device)
+                state_of_row = state_of_row.repeat_interleave(agents)
+            else:
+                rows = drawn
+                slots, state_of_row = torch.unique(rows // agents, return_inverse=True)
+            observations, *others = (array[rows] for array in by_row)
+            yield MiniBatch(observations, states[slots], state_of_row, *others)

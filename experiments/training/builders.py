@@ -30,6 +30,7 @@ def _build_mappo(config: RunConfig, env: FleetVecEnv) -> MAPPO:
         critic_learning_rate=ppo.critic_learning_rate,
         n_steps=config.network.episode_slots,
         batch_size=ppo.batch_size,
+        minibatch=ppo.minibatch,
         n_epochs=ppo.epochs,
         gamma=ppo.discount,
         gae_lambda=ppo.gae_lambda,

@@ -142,6 +142,49 @@ class TestReturns:
         assert len(np.unique(values)) > 3
 
 
+class TestLoss:
+    """Against SB3's distribution, and a value computed for every row."""
+
+    @pytest.mark.parametrize("unit", ["rows", "slots"])
+    @pytest.mark.parametrize("value_clip", [None, 0.05])
+    def test_and_its_gradient_are_the_plain_ones(self, unit, value_clip):
+        model = small_model(worlds=3, minibatch=unit, clip_range_vf=value_clip, ent_coef=0.02)
+        model.learn(3 * 2 * 10)
+        policy = model.policy
+        for batch in model.rollout_buffer.get(11, unit):
+            policy.zero_grad()
+            loss, _ = model._loss(batch)
+            loss.backward()
+            gradients = [parameter.grad.clone() for parameter in policy.parameters()]
+            policy.zero_grad()
+            plain = self.plain_loss(model, batch, value_clip)
+            plain.backward()
+            assert loss.item() == pytest.approx(plain.item(), rel=1e-5)
+            for parameter, gradient in zip(policy.parameters(), gradients, strict=True):
+                torch.testing.assert_close(gradient, parameter.grad, rtol=1e-4, atol=1e-6)
+
+    @staticmethod
+    def plain_loss(model, batch, value_clip):
+        rows = {"observation": batch.observations, "state": batch.states[batch.state_of_row]}
+        values, log_prob, entropy = model.policy.evaluate_actions(rows, batch.actions)
+        values = values.flatten()
+        if value_clip is not None:
+            change = (values - batch.old_values).clamp(-value_clip, value_clip)
+            values = batch.old_values + change
+        advantages = (batch.advantages - batch.advantages.mean()) / (batch.advantages.std() + 1e-8)
+        ratio = (log_prob - batch.old_log_prob).exp()
+        policy_loss = torch.min(advantages * ratio, advantages * ratio.clamp(0.8, 1.2)).mean()
+        return 0.5 * ((values - batch.returns) ** 2).mean() - policy_loss - 0.02 * entropy.mean()
+
+    def test_log_densities_of_a_rollout_are_those_of_its_actions(self):
+        model = small_model(worlds=2)
+        _, callback = model._setup_learn(40, Count())
+        model.collect_rollouts(model.env, callback, model.rollout_buffer, 10)
+        (batch,) = model.rollout_buffer.get()
+        expected = model.policy.distribution(batch.observations).log_prob(batch.actions)
+        torch.testing.assert_close(batch.old_log_prob, expected.detach(), rtol=1e-5, atol=1e-5)
+
+
 class TestRates:
     def test_actor_and_critic_have_their_own(self):
         model = small_model()
@@ -205,17 +248,33 @@ class TestBudget:
         assert count.episodes == episodes * 2  # one info per UAV
         assert model.num_timesteps == sum(samples) == episodes * 10 * 2
 
-    def test_mini_batches_hold_every_sample_once_with_its_own_state(self):
+    @pytest.mark.parametrize(("unit", "most"), [("rows", 7), ("slots", 7 * 2)])
+    def test_mini_batches_hold_every_sample_once_with_its_own_state(self, unit, most):
         model = small_model(worlds=3)
         model.learn(3 * 2 * 10)
-        buffer = model.rollout_buffer
-        seen = []
-        for batch in buffer.get(7):
-            for observation, state in zip(batch.observations, batch.states, strict=True):
+        seen, sizes = [], []
+        for batch in model.rollout_buffer.get(7, unit):
+            sizes.append(len(batch.observations))
+            assert len(torch.unique(batch.states, dim=0)) == len(batch.states)
+            assert torch.equal(batch.state_of_row.unique(), torch.arange(len(batch.states)))
+            states = batch.states[batch.state_of_row]
+            for observation, state in zip(batch.observations, states, strict=True):
                 both = state[:32].reshape(2, 16)
                 assert any(torch.equal(observation, own) for own in both)
                 seen.append(observation.numpy().tobytes() + state.numpy().tobytes())
-        assert len(seen) == 60
+        assert len(set(seen)) == len(seen) == 60
+        assert set(sizes[:-1]) == {most}
+
+    def test_slots_hold_all_agents_of_a_world_and_step(self):
+        model = small_model(worlds=3)
+        model.learn(3 * 2 * 10)
+        for batch in model.rollout_buffer.get(7, "slots"):
+            both = batch.observations.reshape(len(batch.states), 2 * 16)
+            torch.testing.assert_close(both, batch.states[:, :32], rtol=0, atol=0)
+
+    def test_a_unit_is_rows_or_slots(self):
+        with pytest.raises(ValueError, match="rows or slots"):
+            small_model(minibatch="episodes")
 
     def test_same_seed_same_weights_other_seed_others(self):
         def weights(seed: int) -> np.ndarray:
