@@ -58,6 +58,7 @@ def orchid_s(repetition: int) -> float:
     """Seconds of ``orchid train``."""
     with tempfile.TemporaryDirectory() as directory:
         command = [sys.executable, "-m", "orchid_uav", "train", "--json", "--quiet"]
+        command += ["--set", "ppo.minibatch=rows"]  # as many gradient steps as BenchMARL takes
         command += ["--episodes", str(EPISODES), "--seed", str(repetition)]
         return json.loads(_output([*command, "--runs-dir", directory]))["seconds"]
 

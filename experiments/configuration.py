@@ -52,8 +52,8 @@ class PpoParameters(Section):
     """Clip ratio epsilon_clip."""
     batch_size: Annotated[int, within(2, 10_000_000)] = 128
     """Rows or slots per gradient step, as `ppo.minibatch` says."""
-    minibatch: Literal["rows", "slots"] = "rows"
-    """What a batch counts: `rows`, a step of one UAV each, or `slots`, a step of all UAVs (M34)."""
+    minibatch: Literal["rows", "slots"] = "slots"
+    """What a batch counts: `slots`, a step of all UAVs each, or `rows`, a step of one UAV (M34)."""
     epochs: Annotated[int, within(1, 10_000)] = 4
     """Passes over each rollout."""
     entropy_coef: Pair = (0.01, 0.0)
@@ -197,6 +197,19 @@ class RunConfig(Parameters):
         return self.model_copy(update={"training": training.model_copy(update=changes)})
 
 
+def as_read_before(sections: Mapping[str, Any]) -> dict[str, Any]:
+    """Sections of a configuration as earlier versions read them.
+
+    ``ppo.batch_size`` counted rows when there was no ``ppo.minibatch`` to say of what (M34), so it
+    does where a file gives the one without the other.
+    """
+    read = dict(sections)
+    ppo = read.get("ppo")
+    if isinstance(ppo, Mapping) and "batch_size" in ppo:
+        read["ppo"] = {"minibatch": "rows", **ppo}
+    return read
+
+
 LEARNING_SECTIONS = tuple(RunConfig.model_fields)[len(Parameters.model_fields) :]
 """Sections on learning; the others define the world."""
 
@@ -291,6 +304,8 @@ def file_layer(path: Path, say: Callable[[str], object] = warnings.warn) -> Laye
         nested = tomllib.loads(text) if kind == "toml" else json.loads(text)
     except (ValueError, RecursionError) as error:
         raise InputError(f"configuration {path} is not valid {kind}: {error}") from error
+    if isinstance(nested, Mapping):
+        nested = as_read_before(nested)
     return Layer(str(path), _by_dotted_key(nested, str(path)))
 
 

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
@@ -22,7 +22,7 @@ from orchid_uav.experiments.ablation.design import (
 )
 from orchid_uav.experiments.ablation.result import AblationHeader, AblationResult, AblationRun
 from orchid_uav.experiments.ablation.variants import FROZEN
-from orchid_uav.experiments.configuration import flatten
+from orchid_uav.experiments.configuration import RunConfig, as_read_before, flatten
 from orchid_uav.experiments.errors import InputError, RunFailedError
 from orchid_uav.experiments.evaluation.directory import EPISODES_FILE as FLIGHTS_FILE
 from orchid_uav.experiments.evaluation.directory import (
@@ -90,6 +90,10 @@ class AblationStudy:
             raise InputError(
                 f"--out {directory} holds no ablation, and is left alone: {error}"
             ) from error
+        with suppress(ValueError):  # of another version; what differs is told below
+            # Keys that are newer than the study have the values that it was made with.
+            base = RunConfig.model_validate(as_read_before(known.base))
+            known = known.model_copy(update={"base": base.model_dump(mode="json")})
         wanted = self.ablation.describe()
         differing = [key for key in _FIXED if getattr(known, key) != getattr(wanted, key)]
         if differing:

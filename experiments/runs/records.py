@@ -9,7 +9,7 @@ from typing import Any, Literal
 from pydantic import Field, JsonValue, ValidationError, field_validator
 
 from orchid_uav.envs.parameters import describe_error
-from orchid_uav.experiments.configuration import RunConfig
+from orchid_uav.experiments.configuration import RunConfig, as_read_before
 from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.runs.lock import is_alive
 from orchid_uav.notices import reason_of
@@ -102,7 +102,7 @@ def read_record(path: Path) -> RunRecord:
 
 
 def read_plain_config(path: Path, record: RunRecord) -> dict[str, Any]:
-    """Read the sections of a run's configuration as they were written, without validation.
+    """Read the sections of a run's configuration as their version read them, without validation.
 
     Raises:
         InputError: there is no configuration, or it is damaged.
@@ -113,7 +113,7 @@ def read_plain_config(path: Path, record: RunRecord) -> dict[str, Any]:
         found = checksum_of_file(file, _LARGEST_CONFIG)
         if found not in checksums:
             raise ValueError(f"{file} is not the configuration that the run was made with (sha256)")
-        return read_document(file, _LARGEST_CONFIG, found)
+        return as_read_before(read_document(file, _LARGEST_CONFIG, found))
     except OSError as error:
         raise InputError(f"cannot read {file}: {reason_of(error)}") from error
     except ValueError as error:

@@ -127,6 +127,7 @@ def make_learner(name: str, seed: int, settings: Settings) -> CentralizedTrainin
     special = {
         "n_steps": steps,
         "batch_size": settings.minibatch_frames * AGENTS,
+        "minibatch": "rows",
         "n_epochs": settings.epochs,
         "gae_lambda": settings.gae_lambda,
         "clip_range": settings.clip_range,

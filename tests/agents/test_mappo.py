@@ -387,7 +387,9 @@ def test_defaults_are_the_configurations():
     config = RunConfig()
     by_hand = MAPPO("CentralizedCriticPolicy", make_vec_env())
     configured = build_model(config, make_vec_env())
-    for name in ("learning_rates", "n_steps", "batch_size", "n_epochs", "gamma", "gae_lambda"):
+    for name in ("learning_rates", "n_steps", "batch_size", "minibatch", "n_epochs"):
+        assert getattr(by_hand, name) == getattr(configured, name), name
+    for name in ("gamma", "gae_lambda"):
         assert getattr(by_hand, name) == getattr(configured, name), name
     for name in ("ent_coef", "vf_coef", "max_grad_norm", "normalize_advantage"):
         assert getattr(by_hand, name) == getattr(configured, name), name

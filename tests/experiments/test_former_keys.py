@@ -1,5 +1,6 @@
 """Keys that had another name: what was written then is still read, and goes on as it was."""
 
+import dataclasses
 import hashlib
 import json
 import signal
@@ -22,6 +23,8 @@ from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.evaluation.directory import describe_plan, read_interrupted
 from orchid_uav.experiments.evaluation.flights import Plan, Setting
 from orchid_uav.experiments.evaluation.methods import read_policy, rules
+from orchid_uav.experiments.runs.index import read_run
+from orchid_uav.experiments.runs.records import read_config, read_record
 from orchid_uav.experiments.training.listeners import Reporter
 from orchid_uav.storage.files import write_json
 from tests.helpers.damage import reseal
@@ -199,3 +202,59 @@ def test_a_study_of_the_first_version_goes_on(tmp_path):
     write_json(file, document)
     AblationStudy(ablation, tmp_path / "study", ["orchid"]).reserve()
     assert "shares" in json.loads(file.read_text())["settings"]["base"]["network"]
+
+
+def test_a_study_goes_on_that_lacks_keys_of_today(tmp_path):
+    ablation = Ablation(
+        tiny_config(ppo__minibatch="rows"),
+        [Variant("no-rf", {"reset.enabled": False})],
+        [0],
+        5,
+        0,
+        0.05,
+    )
+    AblationStudy(ablation, tmp_path / "study", ["orchid"]).reserve()
+    file = tmp_path / "study/ablation.json"
+    document = json.loads(file.read_text())
+    del document["settings"]["base"]["ppo"]["minibatch"]
+    del document["settings"]["base"]["training"]["final_learning_rate_scale"]
+    write_json(file, document)
+    AblationStudy(ablation, tmp_path / "study", ["orchid"])
+    slots = dataclasses.replace(ablation, base=tiny_config(ppo__minibatch="slots"))
+    with pytest.raises(InputError, match="another base"):
+        AblationStudy(slots, tmp_path / "study", ["orchid"])
+
+
+class TestBatchSizeWithoutMinibatch:
+    """Before there was ``ppo.minibatch``, a batch counted rows."""
+
+    @staticmethod
+    def without_minibatch(sections):
+        del sections["ppo"]["minibatch"]
+        return sections
+
+    def test_in_a_file_counts_rows(self, orchid, tmp_path):
+        file = tmp_path / "lab.json"
+        sections = tiny_config(ppo__minibatch="slots").model_dump(mode="json")
+        file.write_text(json.dumps(sections))
+        assert merge([file_layer(file)])[0].ppo.minibatch == "slots"
+        file.write_text(json.dumps(self.without_minibatch(sections)))
+        config, sources = merge([file_layer(file)])
+        assert config.ppo.minibatch == "rows"
+        assert sources["ppo.minibatch"] == str(file)
+        shown = json.loads(orchid("config", "show", "--json", "--config", file).out)
+        assert shown["ppo"]["minibatch"] == "rows"
+
+    def test_in_a_file_without_either_it_is_the_default(self, tmp_path):
+        file = tmp_path / "lab.toml"
+        file.write_text("[ppo]\nepochs = 3\n")
+        assert merge([file_layer(file)])[0].ppo == RunConfig().ppo.model_copy(update={"epochs": 3})
+
+    def test_in_a_run_counts_rows(self, runs_dir):
+        run = make_run(runs_dir, config={"ppo__minibatch": "rows"})
+        sections = self.without_minibatch(json.loads((run / "config.json").read_text()))
+        (run / "config.json").write_text(json.dumps(sections))
+        digest = hashlib.sha256((run / "config.json").read_bytes()).hexdigest()
+        reseal(run / "run.json", config_sha256=digest)
+        assert read_config(run, read_record(run)).ppo.minibatch == "rows"
+        assert read_run(run).config["ppo.minibatch"] == "rows"

@@ -146,7 +146,7 @@ def mappo() -> MAPPO:
         "CentralizedCriticPolicy",
         Recorded(),
         n_steps=STEPS,
-        batch_size=STEPS * WORLDS * AGENTS,
+        batch_size=STEPS * WORLDS,
         n_epochs=SETTINGS["epochs"],
         gae_lambda=SETTINGS["gae_lambda"],
         clip_range=SETTINGS["clip_range"],
@@ -198,7 +198,7 @@ class TestMappo:
     def moved_loss(self, model: MAPPO) -> tuple[torch.Tensor, list[float]]:
         deviation = GIVEN["deviation"].reshape(model.rollout_buffer.log_probs.shape)
         model.rollout_buffer.log_probs += deviation
-        (batch,) = model.rollout_buffer.get(STEPS * WORLDS * AGENTS)
+        (batch,) = model.rollout_buffer.get()
         loss, figures = model._loss(batch)
         return loss, figures.tolist()
 
