@@ -29,7 +29,11 @@ _COUNTERS: dict[str, type] = {
     "learning_rate_scale": float,
     "scheduled_rate_scale": float,
     "ent_coef": float,
+    "reward_mean": float,
+    "_steps_averaged": int,
 }
+_STEPS_OF_MEAN = 10_000
+"""Steps over which rewards are averaged where they are centred: 50 episodes of the paper's."""
 _MOMENTS = ["exp_avg", "exp_avg_sq", "step"]
 """What Adam remembers of a parameter."""
 _WEIGHTS, _OPTIMIZER = "weights", "optimizer"
@@ -46,6 +50,11 @@ class CentralizedTraining(BaseAlgorithm):
     """Factor on both learning rates; Reset-and-Finetune lowers it."""
     scheduled_rate_scale: float = 1.0
     """Another one, which follows training progress."""
+    center_rewards: bool = False
+    """Whether learning sees rewards less their running mean."""
+    reward_mean: float = 0.0
+    """Mean over the latest steps of the agents' mean reward, if rewards are centred."""
+    _steps_averaged: int = 0
     agents_per_world: int
 
     def _find_agents_per_world(self) -> None:
@@ -77,6 +86,35 @@ class CentralizedTraining(BaseAlgorithm):
     def _log_learning_rates(self) -> None:
         for group in self.policy.optimizer.param_groups:
             self.logger.record(f"train/{group['name']}_learning_rate", group["lr"])
+
+    def _average_rewards(self, rewards: NDArray[np.float32]) -> None:
+        """Move the running mean by steps (T, rows) of rewards, in their order (M37).
+
+        A plain mean of the first ``_STEPS_OF_MEAN`` steps, then one that forgets at that pace, as
+        the weights of the reward change in the course of a training.
+        """
+        for reward in rewards.mean(axis=1, dtype=np.float64).tolist():
+            self._steps_averaged += 1
+            share = 1.0 / min(self._steps_averaged, _STEPS_OF_MEAN)
+            self.reward_mean += share * (reward - self.reward_mean)
+
+    def _check_ends(self, by_itself: bool) -> None:
+        """Raise ValueError if an episode ended by itself where that would change the task.
+
+        Without a time limit's bootstrapping, what is taken off every reward would make the
+        length of an episode worth something.
+        """
+        if by_itself and self.center_rewards:
+            raise ValueError(
+                "an episode ended by itself, not by its time limit: center_rewards would change "
+                "what is learned"
+            )
+
+    def _log_values(self, mean: float) -> None:
+        """Record the level of the values, which grows where learning drifts away."""
+        self.logger.record("train/mean_value", mean)
+        if self.center_rewards:
+            self.logger.record("train/reward_mean", self.reward_mean)
 
     def _check_losses(self, metrics: Mapping[str, float]) -> None:
         """Raise DivergedError if one of an update's metrics is not a finite number."""

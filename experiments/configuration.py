@@ -154,6 +154,8 @@ class TrainingParameters(Section):
     """Episodes over which training progress grows from 0 to 1; none means all episodes (M9)."""
     final_learning_rate_scale: Fraction = 1.0
     """Factor on both learning rates at training progress 1, reached linearly; 1 keeps them."""
+    center_rewards: bool = False
+    """Whether learning sees rewards less their running mean, so that values stay small (M37)."""
     threads: Annotated[int, within(1, 256)] = 1
     """Threads that PyTorch uses; one is fastest for networks of this size."""
 

@@ -19,7 +19,6 @@ from stable_baselines3.common.type_aliases import (
     Schedule,
     TrainFreq,
 )
-from stable_baselines3.common.utils import polyak_update
 from stable_baselines3.common.vec_env import VecEnv
 from torch.nn import functional
 
@@ -61,6 +60,8 @@ class MADDPG(CentralizedTraining, OffPolicyAlgorithm):
         max_grad_norm: gradient norm at which actor and critic are clipped, each by itself.
         episode_steps: steps of an episode, if it is always the same: where fewer episodes are left
             than worlds, the surplus worlds' steps are neither counted nor learned from (M33).
+        center_rewards: take their running mean off the rewards that the critic learns from, so that
+            its values stay near 0 (M37); episodes then have to end by time limit alone.
         policy_kwargs: further arguments of the policy.
         kwargs: further arguments of SB3's ``OffPolicyAlgorithm``.
     """
@@ -87,6 +88,7 @@ class MADDPG(CentralizedTraining, OffPolicyAlgorithm):
         preactivation_penalty: float = 1e-3,
         max_grad_norm: float = 0.5,
         episode_steps: int | None = None,
+        center_rewards: bool = False,
         policy_kwargs: dict[str, Any] | None = None,
         device: torch.device | str = "cpu",
         _init_setup_model: bool = True,
@@ -102,6 +104,7 @@ class MADDPG(CentralizedTraining, OffPolicyAlgorithm):
         self.preactivation_penalty = preactivation_penalty
         self.max_grad_norm = max_grad_norm
         self.episode_steps = episode_steps
+        self.center_rewards = center_rewards
         super().__init__(
             policy,
             env,
@@ -160,6 +163,9 @@ class MADDPG(CentralizedTraining, OffPolicyAlgorithm):
             new_observation, rewards, dones, infos = env.step(self.policy.unscale_action(actions))
             rows_seen = single_precision(cast(Rows, new_observation))
             following, terminated = _before_new_episodes(rows_seen, dones, infos)
+            self._check_ends(bool(terminated.any()))
+            if self.center_rewards:
+                self._average_rewards(rewards[None, :rows])
             self.replay_buffer.add(rows, observation, actions, rewards, following, terminated)
             self._last_obs, self._last_episode_starts = cast(Rows, new_observation), dones
             self.num_timesteps += rows
@@ -195,31 +201,37 @@ class MADDPG(CentralizedTraining, OffPolicyAlgorithm):
             return
         self.policy.set_training_mode(True)
         self._update_learning_rate(self.policy.optimizer)
-        updates = max(1, gradient_steps * self._rows // self.n_envs)
+        policy, updates = self.policy, max(1, gradient_steps * self._rows // self.n_envs)
+        actor, critic = list(policy.actor.parameters()), list(policy.critic.parameters())
+        targets = [*policy.actor_target.parameters(), *policy.critic_target.parameters()]
         for _ in range(updates):
             batch = self.replay_buffer.sample(batch_size)
-            critic_loss = self.critic_loss(batch)
-            self._descend(critic_loss, list(self.policy.critic.parameters()))
+            wanted = self.target_values(batch)
+            critic_loss = self.critic_loss(batch, wanted)
+            self._descend(critic_loss, critic)
             actor_loss = self.actor_loss(batch)
-            self._descend(actor_loss, list(self.policy.actor.parameters()))
-            for source, target in (
-                (self.policy.critic, self.policy.critic_target),
-                (self.policy.actor, self.policy.actor_target),
-            ):
-                polyak_update(source.parameters(), target.parameters(), self.tau)
+            self._descend(actor_loss, actor)
+            with torch.no_grad():  # SB3's polyak_update, for all tensors at once
+                torch._foreach_mul_(targets, 1.0 - self.tau)
+                torch._foreach_add_(targets, [*actor, *critic], alpha=self.tau)
         self._n_updates += updates
         losses = {"critic_loss": critic_loss.item(), "actor_loss": actor_loss.item()}
         self._check_losses(losses)
         self._log_learning_rates()
         for name, loss in losses.items():
             self.logger.record(f"train/{name}", loss)
+        self._log_values(wanted.mean().item())
         self.logger.record("train/n_updates", self._n_updates, exclude="tensorboard")
 
-    def critic_loss(self, batch: JointBatch) -> torch.Tensor:
-        """Mean squared temporal-difference error; nothing follows an end that is no time limit."""
+    def target_values(self, batch: JointBatch) -> torch.Tensor:
+        """What the critic's values (rows,) should be: nothing follows an end by no time limit."""
         with torch.no_grad():
             following = self.policy.target_value(batch.next_states, batch.next_observations)
-            wanted = batch.rewards + self.gamma * (1.0 - batch.terminated) * following
+            rewards = batch.rewards - self.reward_mean if self.center_rewards else batch.rewards
+            return rewards + self.gamma * (1.0 - batch.terminated) * following
+
+    def critic_loss(self, batch: JointBatch, wanted: torch.Tensor) -> torch.Tensor:
+        """Mean squared temporal-difference error against :meth:`target_values`."""
         return functional.mse_loss(self.policy.joint_value(batch.states, batch.actions), wanted)
 
     def actor_loss(self, batch: JointBatch) -> torch.Tensor:

@@ -58,6 +58,8 @@ class MAPPO(CentralizedTraining, PPO):
         batch_size: rows or slots of a mini-batch.
         minibatch: what ``batch_size`` counts, "rows" (one step of one agent) or "slots" (one step
             of all agents of a world) (M34).
+        center_rewards: take their running mean off the rewards that are learned from, so that
+            values stay near 0 (M37); episodes then have to end by time limit alone.
         kwargs: further arguments of SB3's PPO.
     """
 
@@ -79,6 +81,7 @@ class MAPPO(CentralizedTraining, PPO):
         minibatch: MiniBatchUnit = "slots",
         n_epochs: int = 4,
         ent_coef: float = 0.01,
+        center_rewards: bool = False,
         device: torch.device | str = "cpu",
         _init_setup_model: bool = True,
         **kwargs: Any,
@@ -87,6 +90,7 @@ class MAPPO(CentralizedTraining, PPO):
             raise ValueError(f"minibatch is {minibatch!r}: rows or slots")
         self.critic_learning_rate = critic_learning_rate
         self.minibatch = minibatch
+        self.center_rewards = center_rewards
         with warnings.catch_warnings():
             # A rollout of T·N samples is what the paper updates on, whether 128 divides it or not.
             warnings.filterwarnings("ignore", message=".*truncated mini-batch.*")
@@ -149,7 +153,9 @@ class MAPPO(CentralizedTraining, PPO):
             self._last_obs, self._last_episode_starts = cast(Rows, new_observation), dones
             self.num_timesteps += rows
             if dones.any():
-                time_limits += _ends_by_time_limit(step, dones, infos)
+                ends = _ends_by_time_limit(step, dones, infos)
+                self._check_ends(len(ends) < dones.sum())
+                time_limits += ends
                 infos, dones = infos[:rows], dones[:rows]
                 self._update_info_buffer(infos, dones)
             callback.update_locals(locals())
@@ -167,6 +173,9 @@ class MAPPO(CentralizedTraining, PPO):
     ) -> None:
         """Values, log probabilities, advantages; a time limit is no end of the return (M15)."""
         buffer = self.rollout_buffer
+        if self.center_rewards:
+            self._average_rewards(buffer.rewards[:, : buffer.rows])
+            buffer.rewards -= self.reward_mean
         last_observation, starts = self._last_rows()
         last_states = last_observation["state"][:: self.agents_per_world]
         states = [buffer.states.reshape(-1, buffer.states.shape[-1]), last_states]
@@ -258,6 +267,7 @@ class MAPPO(CentralizedTraining, PPO):
             "train/explained_variance",
             explained_variance(values[:, :rows].flatten(), returns[:, :rows].flatten()),
         )
+        self._log_values(float(values[:, :rows].mean()))
         self.logger.record("train/std", self.policy.log_std.detach().exp().mean().item())
         self.logger.record("train/n_updates", self._n_updates, exclude="tensorboard")
 

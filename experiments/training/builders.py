@@ -43,6 +43,7 @@ def _build_mappo(config: RunConfig, env: FleetVecEnv) -> MAPPO:
             "log_std_init": ppo.log_std_init,
             "optimizer_kwargs": {"eps": ppo.adam_epsilon, "fused": True},
         },
+        center_rewards=training.center_rewards,
         seed=training.seed,
     )
 
@@ -68,6 +69,7 @@ def _build_maddpg(config: RunConfig, env: FleetVecEnv) -> MADDPG:
             "net_arch": maddpg.hidden_sizes,
             "optimizer_kwargs": {"eps": maddpg.adam_epsilon, "fused": True},
         },
+        center_rewards=training.center_rewards,
         seed=training.seed,
     )
 

@@ -129,7 +129,8 @@ class TestUpdate:
     @pytest.mark.parametrize("name", ["critic", "actor"])
     def test_losses_and_their_gradients(self, model, batches, name):
         batch = JointBatch(**{key: torch.from_numpy(a) for key, a in batches[0].items()})
-        loss = getattr(model, f"{name}_loss")(batch)
+        wanted = [model.target_values(batch)] if name == "critic" else []
+        loss = getattr(model, f"{name}_loss")(batch, *wanted)
         networks = numbers_of(model)
         expected = EXPECTED_LOSSES[name](networks, batches[0])
         assert loss.item() == pytest.approx(expected, rel=1e-12)

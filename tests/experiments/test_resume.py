@@ -94,7 +94,10 @@ CASES = {
         "reward__objective": "pf",
         "network__distribution": "uniform",
     },
+    "mappo, rows, centred rewards": MOVING
+    | {"ppo__minibatch": "rows", "training__center_rewards": True, "training__worlds": 2},
     "maddpg": SMALL_MADDPG,
+    "maddpg, centred rewards": SMALL_MADDPG | {"training__center_rewards": True},
     "maddpg, buffer wrapped around": SMALL_MADDPG | {"maddpg__buffer_size": 24},
     "maddpg, first update in episode 5": SMALL_MADDPG | {"maddpg__batch_size": 44},
     "maddpg, three worlds": SMALL_MADDPG

@@ -306,7 +306,8 @@ class TestMaddpg:
         )
 
     def test_losses_and_gradients(self, maddpg, batch):
-        critic_loss, actor_loss = maddpg.critic_loss(batch), maddpg.actor_loss(batch)
+        critic_loss = maddpg.critic_loss(batch, maddpg.target_values(batch))
+        actor_loss = maddpg.actor_loss(batch)
         # There the one critic is held to each agent's reward, here to their mean: the same minimum
         # and gradient, and a loss that differs by the variance between agents.
         close(critic_loss.item() + GIVEN["reward"].var(axis=-1).mean(), self.PUBLIC["loss_value"])
@@ -325,7 +326,7 @@ class TestMaddpg:
         def remember_critic(sampled: JointBatch) -> torch.Tensor:
             before.load_state_dict(policy.critic.state_dict())
             policy.actor_target.load_state_dict(policy.actor.state_dict())
-            return MADDPG.critic_loss(maddpg, sampled)
+            return MADDPG.target_values(maddpg, sampled)
 
         def earlier_actor_loss(sampled: JointBatch) -> torch.Tensor:
             with mock.patch.object(policy, "critic", before):
@@ -334,7 +335,7 @@ class TestMaddpg:
         with (
             mock.patch.object(maddpg.replay_buffer, "size", return_value=STEPS * WORLDS),
             mock.patch.object(maddpg.replay_buffer, "sample", return_value=batch),
-            mock.patch.object(maddpg, "critic_loss", remember_critic),
+            mock.patch.object(maddpg, "target_values", remember_critic),
             mock.patch.object(maddpg, "actor_loss", earlier_actor_loss),
         ):
             maddpg._setup_learn(1, None)
