@@ -13,21 +13,17 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-
-from orchid_uav.envs import Parameters
 from orchid_uav.experiments.configuration import Layer, merge
-from orchid_uav.experiments.evaluation.flights import Plan, Setting, evaluate
-from orchid_uav.experiments.evaluation.methods import Contender, select
+from orchid_uav.experiments.evaluation.methods import select
 from orchid_uav.experiments.runs.directory import RunDirectory
 from orchid_uav.experiments.training.listeners import Reporter
 from orchid_uav.experiments.training.loop import train
 from orchid_uav.storage.files import read_document
 from studies.recording import RESULTS, add_allow_changes, record, require_commit, write_result
+from studies.tuning import TOPOLOGIES, flown
 
 NAME = "batches"
-TOPOLOGIES, EVALUATION_SEED = 100, 0
-METRICS = ("utility", "energy_efficiency_bit_per_joule", "rate_jfi", "load_jfi", "coverage")
+EVALUATION_SEED = 0
 
 
 class Case(NamedTuple):
@@ -68,13 +64,12 @@ def run(case: Case, seed: int, episodes: int) -> dict[str, Any]:
         train(config, made, Reporter())
         cpu_s = time.process_time() - before_s
         contender = select([], [made.path])[0]
-        return {**case._asdict(), "seed": seed, "cpu_s": round(cpu_s, 1), **_flown(contender)}
-
-
-def _flown(contender: Contender) -> dict[str, float]:
-    plan = Plan([contender], [Setting()], TOPOLOGIES, EVALUATION_SEED, Parameters())
-    (metrics,) = evaluate(plan)[0].values()
-    return {name: float(f"{np.mean(metrics[name]):.6g}") for name in METRICS}
+        return {
+            **case._asdict(),
+            "seed": seed,
+            "cpu_s": round(cpu_s, 1),
+            **flown(contender, EVALUATION_SEED),
+        }
 
 
 def missing(rows: list[Mapping[str, Any]], seeds: int) -> Iterator[tuple[Case, int]]:
@@ -102,7 +97,7 @@ def main() -> None:
         "episodes": options.episodes,
     }
     rows: list[Any] = read_document(options.json)["runs"] if options.json.exists() else []
-    zero_action = _flown(select(["static-mmf"])[0])
+    zero_action = flown(select(["static-mmf"])[0], EVALUATION_SEED)
     for case, seed in missing(rows, options.seeds):
         rows.append(run(case, seed, options.episodes))
         print(rows[-1], flush=True)

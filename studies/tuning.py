@@ -1,14 +1,20 @@
-"""The same tuning effort for both algorithms: ``python -m studies.tuning --json FILE``.
+"""The same tuning effort for both algorithms: ``python -m studies.tuning --jobs 2``.
 
-This is a random search over the settings that a practitioner would tune; the first trial has the
-defaults. Both algorithms get the same numbers of trials, episodes and topologies. Seeds and
-topologies are used for nothing else. The score is the mean utility of the deterministic policy at
-training progress 1.
+Two trials are known beforehand, the paper's numbers and what a trial outside this study had found;
+the others are drawn at random from what a practitioner would tune. Both algorithms get the same
+numbers of trials, seeds, episodes and topologies, and seeds and topologies are used for nothing
+else. A run is stopped several times on its way, where its deterministic policy is flown. So a
+recipe is judged along the curve as well as at the end: one that rises and then collapses loses.
+
+Results are written after every run, and the same command continues there.
 """
 
 import argparse
 import random
 import tempfile
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -21,92 +27,169 @@ from orchid_uav.experiments.evaluation.methods import Contender, select
 from orchid_uav.experiments.runs.directory import RunDirectory
 from orchid_uav.experiments.training.listeners import Reporter
 from orchid_uav.experiments.training.loop import train
-from orchid_uav.storage.files import write_json
-from studies.recording import add_allow_changes, record, require_commit
+from orchid_uav.storage.files import read_document
+from studies.recording import RESULTS, add_allow_changes, record, require_commit, write_result
 
-SEED = 9001
+NAME = "tuning"
+FIRST_SEED = 9001
 TOPOLOGIES = 100
+JUDGED = 4
+"""Points of a run at which its policy is flown, evenly spaced; the last is the end."""
+METRICS = (
+    "utility",
+    "energy_efficiency_bit_per_joule",
+    "load_jfi",
+    "rate_jfi",
+    "coverage",
+    "boundary_violations",
+)
 SPACES: dict[str, dict[str, list[Any]]] = {
     "mappo": {
-        "ppo.actor_learning_rate": [3e-5, 1e-4, 3e-4, 1e-3],
+        "ppo.actor_learning_rate": [1e-5, 3e-5, 1e-4, 3e-4],
         "ppo.critic_learning_rate": [3e-4, 1e-3, 3e-3],
         "ppo.discount": [0.9, 0.97, 0.99],
         "ppo.log_std_init": [0.0, -1.0, -2.0],
-        "ppo.epochs": [4, 8],
+        "ppo.minibatch": ["rows", "slots"],
+        "training.center_rewards": [False, True],
     },
     "maddpg": {
         "maddpg.actor_learning_rate": [1e-5, 3e-5, 1e-4, 3e-4],
         "maddpg.critic_learning_rate": [3e-4, 1e-3, 3e-3],
         "maddpg.discount": [0.9, 0.97, 0.99],
         "maddpg.exploration_std": [0.1, 0.3, 0.5],
-        "maddpg.preactivation_penalty": [1e-3, 1e-1],
+        "maddpg.preactivation_penalty": [1e-3, 0.1, 1.0],
+        "training.center_rewards": [False, True],
     },
 }
+KNOWN: dict[str, dict[str, Any]] = {
+    "mappo": {
+        "ppo.actor_learning_rate": 3e-4,
+        "ppo.critic_learning_rate": 1e-3,
+        "ppo.discount": 0.9,
+        "ppo.gae_lambda": 0.9,
+        "ppo.log_std_init": -1.8,
+    },
+    "maddpg": {
+        "maddpg.actor_learning_rate": 1e-5,
+        "maddpg.critic_learning_rate": 3e-3,
+        "maddpg.discount": 0.9,
+        "maddpg.preactivation_penalty": 1.0,
+    },
+}
+"""What was known to work when the search was set up, one recipe for each."""
+
+Run = dict[str, Any]
+"""Algorithm, trial and seed of a run, and what it gave."""
 
 
 def trials(algorithm: str, count: int) -> list[dict[str, Any]]:
-    """The defaults, then ``count`` - 1 random draws."""
-    generator = random.Random(f"{SEED} {algorithm}")
+    """The paper's numbers, the known recipe, then random draws."""
+    generator = random.Random(f"{FIRST_SEED} {algorithm}")
     space = SPACES[algorithm]
-    drawn = [
-        {key: generator.choice(values) for key, values in space.items()} for _ in range(count - 1)
-    ]
-    return [{}, *drawn]
+    drawn = [{key: generator.choice(values) for key, values in space.items()} for _ in range(count)]
+    return [{}, KNOWN[algorithm], *drawn][:count]
 
 
-def configure(algorithm: str, values: dict[str, Any], episodes: int) -> RunConfig:
-    """The configuration of one trial."""
+def configure(algorithm: str, values: Mapping[str, Any], seed: int, episodes: int) -> RunConfig:
+    """The configuration of a run up to its first judgement; schedules are those of the whole."""
     layer = {
         "training.algorithm": algorithm,
-        "training.seed": SEED,
-        "training.episodes": episodes,
+        "training.seed": seed,
+        "training.episodes": episodes // JUDGED,
+        "training.schedule_episodes": episodes,
         **values,
     }
-    return merge([Layer("tuning", layer)])[0]
+    return merge([Layer(NAME, layer)])[0]
 
 
-def score(contender: Contender) -> dict[str, float]:
-    """Mean utility and a few metrics over the tuning topologies."""
-    plan = Plan([contender], [Setting()], TOPOLOGIES, SEED, Parameters())
+def flown(contender: Contender, seed: int = FIRST_SEED) -> dict[str, float]:
+    """Means over the topologies of a seed."""
+    plan = Plan([contender], [Setting()], TOPOLOGIES, seed, Parameters())
     (metrics,) = evaluate(plan)[0].values()
-    names = ("utility", "energy_efficiency_bit_per_joule", "load_jfi", "rate_jfi", "coverage")
-    return {name: float(f"{np.mean(metrics[name]):.6g}") for name in names}
+    return {name: float(np.mean(metrics[name])) for name in METRICS}
 
 
-def run_trial(algorithm: str, values: dict[str, Any], episodes: int) -> dict[str, Any]:
-    """Train one trial and score it."""
-    config = configure(algorithm, values, episodes)
+def score(judged: list[Mapping[str, float]]) -> float:
+    """Utility of one run: half its mean along the curve, half its end."""
+    utility = [one["utility"] for one in judged]
+    return 0.5 * float(np.mean(utility)) + 0.5 * utility[-1]
+
+
+def run(algorithm: str, trial: int, values: Mapping[str, Any], seed: int, episodes: int) -> Run:
+    """Train one seed of a trial, and fly its policy on the way and at the end."""
+    config = configure(algorithm, values, seed, episodes)
+    judged: list[Mapping[str, float]] = []
     with tempfile.TemporaryDirectory() as directory:
-        run = RunDirectory.create(Path(directory), "tuning", config, [])
-        outcome = train(config, run, Reporter())
-        metrics = score(select([], [run.path])[0])
-    return {"values": values, "seconds": round(outcome.seconds, 1), **metrics}
+        made = RunDirectory.create(Path(directory), NAME, config, [])
+        while True:
+            seconds = train(config, made, Reporter()).seconds
+            judged.append(flown(select([], [made.path])[0]))
+            if len(judged) == JUDGED:
+                break
+            config = config.extended_to(config.training.episodes + episodes // JUDGED)
+            made = RunDirectory.reopen(made.path, config, [])
+    return {
+        "algorithm": algorithm,
+        "trial": trial,
+        "seed": seed,
+        "seconds": round(seconds, 1),
+        "score": score(judged),
+        "judged": judged,
+    }
+
+
+def missing(
+    runs: list[Run], trial_count: int, seed_count: int
+) -> Iterator[tuple[str, int, Mapping[str, Any], int]]:
+    """Arguments of the runs that are not there, one trial of both algorithms after the other."""
+    known = {(one["algorithm"], one["trial"], one["seed"]) for one in runs}
+    for number in range(trial_count):
+        for algorithm in SPACES:
+            for seed in range(FIRST_SEED, FIRST_SEED + seed_count):
+                if (algorithm, number, seed) not in known:
+                    yield algorithm, number, trials(algorithm, trial_count)[number], seed
 
 
 def main() -> None:
-    """Search with both algorithms in turn, and write the log after every trial."""
+    """Search, and write the log after every run."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--json", type=Path, required=True)
+    parser.add_argument("--json", type=Path, default=RESULTS / f"{NAME}.json", metavar="FILE")
     parser.add_argument("--trials", type=int, default=8)
+    parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--episodes", type=int, default=200)
+    parser.add_argument("--jobs", type=int, default=1)
     add_allow_changes(parser)
-    arguments = parser.parse_args()
-    require_commit(parser, arguments, arguments.json)
+    options = parser.parse_args()
+    require_commit(parser, options, options.json)
     settings = {
-        "seed": SEED,
+        "first_seed": FIRST_SEED,
+        "seeds": options.seeds,
         "topologies": TOPOLOGIES,
-        "trials": arguments.trials,
-        "episodes": arguments.episodes,
-        "spaces": SPACES,
+        "trials": options.trials,
+        "episodes": options.episodes,
+        "judged": JUDGED,
+        "values": {algorithm: trials(algorithm, options.trials) for algorithm in SPACES},
     }
-    logs: dict[str, list[dict[str, Any]]] = {algorithm: [] for algorithm in SPACES}
-    zero_action = score(select(["static-mmf"])[0])
-    for number in range(arguments.trials):
-        for algorithm, log in logs.items():
-            values = trials(algorithm, arguments.trials)[number]
-            log.append(run_trial(algorithm, values, arguments.episodes))
-            print(algorithm, log[-1], flush=True)
-            write_json(arguments.json, record(settings, zero_action=zero_action, trials=logs))
+    runs: list[Run] = []
+    if options.json.exists():
+        before = read_document(options.json)
+        if before["settings"] != settings:
+            parser.error(f"{options.json} holds another search: move it away")
+        runs = before["runs"]
+    zero_action = flown(select(["static-mmf"])[0])
+    with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool:
+        waiting = [
+            pool.submit(run, *arguments, options.episodes)
+            for arguments in missing(runs, options.trials, options.seeds)
+        ]
+        for finished in as_completed(waiting):
+            runs.append(finished.result())
+            print(
+                {key: runs[-1][key] for key in ("algorithm", "trial", "seed", "score")}, flush=True
+            )
+            runs.sort(key=lambda one: (one["algorithm"], one["trial"], one["seed"]))
+            document = record(settings, zero_action=zero_action, runs=runs)
+            write_result(options.json, document, ('{"algorithm"',))
 
 
 if __name__ == "__main__":
