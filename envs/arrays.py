@@ -186,6 +186,10 @@ class Worlds(NamedTuple):
     states: NDArray[np.float32]
     """(B, state_size(N))."""
 
+    def part(self, worlds: slice) -> "Worlds":
+        """Views of the arrays of some of the worlds."""
+        return Worlds(*(array[worlds] for array in self))  # type: ignore[arg-type]
+
     @classmethod
     def zeros(cls, worlds: int, uavs: int, users: int) -> "Worlds":
         """Arrays of the right shapes and types, all zero."""

@@ -45,7 +45,7 @@ this, an equation changed in another file would go on unchanged in the cache."""
 
 def compiled(function: Callable[..., None]) -> Callable[..., None]:
     """Compile at the first call, with a cache on disk where there is a place for one."""
-    dispatcher = njit(error_model="numpy")(function)
+    dispatcher = njit(error_model="numpy", nogil=True)(function)
     if isinstance(dispatcher, Dispatcher):  # not with NUMBA_DISABLE_JIT
         try:
             dispatcher._cache = _Cache(function)  # type: ignore[attr-defined]
@@ -66,7 +66,7 @@ def specialised(
         digest: of ``own``, see :func:`digest_of`; without one, no code is kept on disk.
     """
     body = getattr(function, "py_func", function)  # itself, with NUMBA_DISABLE_JIT
-    uncached = njit(error_model="numpy")(body)
+    uncached = njit(error_model="numpy", nogil=True)(body)
 
     @register_jitable
     def call_own(*arguments: Any) -> Any:  # code with a compiled function as a value is not kept
@@ -75,7 +75,7 @@ def specialised(
     def with_own(*arguments: Any) -> None:
         uncached(*arguments, call_own)
 
-    dispatcher = njit(error_model="numpy")(with_own)
+    dispatcher = njit(error_model="numpy", nogil=True)(with_own)
     if isinstance(dispatcher, Dispatcher):
         try:
             if digest is None:

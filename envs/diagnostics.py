@@ -65,7 +65,11 @@ class Diagnostics:
         world = self._world
         arrays = world.arrays
         inspected = np.empty((world.world_count, 3))
-        self._inspect(world.constants, arrays, self._last_velocities_mps, inspected)
+        world.divide(
+            lambda part, worlds: self._inspect(
+                world.constants, worlds, self._last_velocities_mps[part], inspected[part]
+            )
+        )
         self._last_velocities_mps[:] = arrays.velocities_mps
         if self._gbs is None or world.parameters.network.user_speed_mps > 0.0:
             self._gbs = _gbs_metrics(world)
@@ -114,7 +118,7 @@ def inspect_worlds(
         worlds: B worlds after a step.
         last_velocities_mps: of the slot before, (B, N, 3).
         metrics: result, (B, 3).
-        own_path_loss_db: see :func:`orchid_uav.envs.association.find_strongest`.
+        own_path_loss_db: see :func:`orchid_uav.envs.association.associate`.
         sources: not used; see ``SOURCES``.
     """
     for world in range(len(worlds.slot)):

@@ -12,7 +12,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from orchid_uav.envs.arrays import HISTOGRAM_CELLS, Constants, Floats, Worlds
-from orchid_uav.envs.association import find_strongest, measure_distances
+from orchid_uav.envs.association import Scratch, associate, make_scratch
 from orchid_uav.envs.channel import backhaul_snr, signal_to_noise_ratio, spectral_efficiency
 from orchid_uav.envs.compilation import SOURCES, compiled
 from orchid_uav.envs.fairness import jain_index_from_sums
@@ -52,9 +52,6 @@ from orchid_uav.envs.sharing import bandwidth_share, user_rate_bps
 from orchid_uav.envs.units import linear_to_decibel
 from orchid_uav.envs.users import counter_uniform, reflect_into, reflection_sign
 
-Scratch = tuple[Floats, Floats, Floats]
-"""Squared distances (N, M), strongest UAV (M,) and its power (M,) of the world at hand."""
-
 
 @compiled
 def step_worlds(
@@ -72,10 +69,10 @@ def step_worlds(
         worlds: B worlds, after :func:`begin_episodes`.
         actions: (B, N, 4), clipped here to [-1, 1].
         progress: training progress tau in [0, 1], which sets the weights.
-        own_path_loss_db: see :func:`orchid_uav.envs.association.find_strongest`.
+        own_path_loss_db: see :func:`orchid_uav.envs.association.associate`.
         sources: not used; see ``SOURCES``.
     """
-    scratch = _make_scratch(worlds)
+    scratch = make_scratch(worlds.positions_m.shape[1], worlds.user_coordinates_m.shape[2])
     for world in range(len(worlds.slot)):
         _move_uavs(constants, worlds, world, actions[world])
         if constants.user_speed_mps > 0.0:
@@ -102,10 +99,10 @@ def begin_episodes(
         constants: of the parameters that the worlds were made with.
         worlds: B worlds.
         chosen: indices of the worlds that begin, int64.
-        own_path_loss_db: see :func:`orchid_uav.envs.association.find_strongest`.
+        own_path_loss_db: see :func:`orchid_uav.envs.association.associate`.
         sources: not used; see ``SOURCES``.
     """
-    scratch = _make_scratch(worlds)
+    scratch = make_scratch(worlds.positions_m.shape[1], worlds.user_coordinates_m.shape[2])
     for world in chosen:
         worlds.slot[world] = 0
         worlds.user_velocities_mps[world] = 0.0
@@ -120,14 +117,7 @@ def begin_episodes(
         _observe(constants, worlds, world)
 
 
-@njit(error_model="numpy")
-def _make_scratch(worlds: Worlds) -> Scratch:
-    users = worlds.user_coordinates_m.shape[2]
-    uavs = worlds.positions_m.shape[1]
-    return np.empty((uavs, users)), np.empty(users), np.empty(users)
-
-
-@njit(error_model="numpy")
+@njit(error_model="numpy", forceinline=True)
 def _move_uavs(constants: Constants, worlds: Worlds, world: int, actions: Floats) -> None:
     """Kinematics and power control, Sections III-B and IV-C2; decisions M5, M25."""
     area_m, slot_s = constants.area_m, constants.slot_s
@@ -163,7 +153,7 @@ def _move_uavs(constants: Constants, worlds: Worlds, world: int, actions: Floats
         )
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", forceinline=True)
 def _move_users(constants: Constants, worlds: Worlds, world: int) -> None:
     """Random walk with reflection; speed and heading are held for some slots (M16)."""
     users = worlds.user_coordinates_m.shape[2]
@@ -188,7 +178,7 @@ def _move_users(constants: Constants, worlds: Worlds, world: int) -> None:
             velocities[axis, user] *= reflection_sign(wanted_m, constants.area_m)
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", forceinline=True)
 def _count_users(constants: Constants, worlds: Worlds, world: int) -> None:
     """u_dist: the users' histogram, normalised to sum 1, into its place in the state (M19)."""
     uavs, users = worlds.positions_m.shape[1], worlds.user_coordinates_m.shape[2]
@@ -205,7 +195,7 @@ def _count_users(constants: Constants, worlds: Worlds, world: int) -> None:
     histogram /= users
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", forceinline=True)
 def _serve(
     constants: Constants,
     worlds: Worlds,
@@ -214,41 +204,38 @@ def _serve(
     own_path_loss_db: Callable[..., float] | None,
 ) -> None:
     """Association by strongest received power, loads, shares, rates (Section III-D; M11, M12)."""
-    distance_squared_m2, strongest, strongest_power_w = scratch
     association, efficiencies = worlds.association[world], worlds.spectral_efficiency[world]
     rates_bps, loads = worlds.rates_bps[world], worlds.loads[world]
-    cell_sum, cell_inverse_sum = np.zeros(len(loads)), np.zeros(len(loads))
-    association[:], efficiencies[:], rates_bps[:], loads[:] = -1, 0.0, 0.0, 0
-    measure_distances(
-        worlds.positions_m[world],
-        worlds.user_coordinates_m[world],
-        distance_squared_m2,
-        worlds.nearest_user_m[world],
-    )
-    find_strongest(
+    targets = worlds.target_users[world]
+    received_w = rates_bps  # the same memory: rates come when powers are not needed any more
+    associate(
         worlds.positions_m[world],
         worlds.transmit_powers_w[world],
-        worlds.target_users[world],
-        distance_squared_m2,
+        worlds.user_coordinates_m[world],
+        targets,
         constants.link,
         constants.access_gain_db,
         constants.best_case_gain_m2,
-        strongest,
-        strongest_power_w,
+        scratch,
+        worlds.nearest_user_m[world],
+        association,
+        received_w,
         own_path_loss_db,
     )
     for user in range(len(association)):
-        if not worlds.target_users[world, user]:
-            continue
-        uav = int(strongest[user])
-        snr = signal_to_noise_ratio(strongest_power_w[user], constants.access_noise_power_w)
-        if snr >= constants.required_snr:
-            efficiency = spectral_efficiency(snr)
-            association[user] = uav
-            efficiencies[user] = efficiency
+        snr = signal_to_noise_ratio(received_w[user], constants.access_noise_power_w)
+        is_served = targets[user] & (snr >= constants.required_snr)
+        association[user] = association[user] if is_served else -1
+        efficiencies[user] = spectral_efficiency(snr) if is_served else 0.0
+    cell_sum, cell_inverse_sum = scratch.cell_sum, scratch.cell_inverse_sum
+    for uav in range(len(loads)):
+        loads[uav], cell_sum[uav], cell_inverse_sum[uav] = 0, 0.0, 0.0
+    for user in range(len(association)):
+        uav = association[user]
+        if uav >= 0:
             loads[uav] += 1
-            cell_sum[uav] += efficiency
-            cell_inverse_sum[uav] += 1.0 / efficiency
+            cell_sum[uav] += efficiencies[user]
+            cell_inverse_sum[uav] += 1.0 / efficiencies[user]
     for user in range(len(association)):
         uav = association[user]
         if uav >= 0:
@@ -257,16 +244,18 @@ def _serve(
                 constants.share_rule, efficiency, loads[uav], cell_sum[uav], cell_inverse_sum[uav]
             )
             rates_bps[user] = user_rate_bps(share, constants.bandwidth_hz, efficiency)
+        else:
+            rates_bps[user] = 0.0
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", forceinline=True)
 def _watch_constraints(constants: Constants, worlds: Worlds, world: int) -> None:
     """Collisions, backhaul and the count of slots with a violation (M17)."""
     positions_m = worlds.positions_m[world]
     uavs = len(positions_m)
     gbs_x_m, gbs_y_m, gbs_z_m = constants.gbs_position_m
-    worlds.close_uavs[world] = 0
     for uav in range(uavs):
+        worlds.close_uavs[world, uav] = 0
         for other in range(uav):
             dx = positions_m[uav, 0] - positions_m[other, 0]
             dy = positions_m[uav, 1] - positions_m[other, 1]
@@ -294,7 +283,7 @@ def _watch_constraints(constants: Constants, worlds: Worlds, world: int) -> None
         violations[2] += worlds.weak_backhaul[world, uav]
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", forceinline=True)
 def _score(constants: Constants, worlds: Worlds, world: int, progress: float) -> None:
     """Metrics of the slot and every UAV's reward (Section IV-C3, V-B; decisions M7 to M14)."""
     uavs = worlds.positions_m.shape[1]
@@ -314,7 +303,11 @@ def _score(constants: Constants, worlds: Worlds, world: int, progress: float) ->
                     rate, constants.log_rate_floor_bps, constants.best_rate_bps
                 )
     load_squared, propulsion_w, transmit_w = 0.0, 0.0, 0.0
+    close, outside, weak = 0, 0, 0
     for uav in range(uavs):
+        close += worlds.close_uavs[world, uav]
+        outside += worlds.left_flight_box[world, uav]
+        weak += worlds.weak_backhaul[world, uav]
         load_squared += worlds.loads[world, uav] * worlds.loads[world, uav]
         propulsion_w += _propulsion_power_w(constants, worlds.velocities_mps[world, uav])
         transmit_w += worlds.transmit_powers_w[world, uav]
@@ -332,9 +325,9 @@ def _score(constants: Constants, worlds: Worlds, world: int, progress: float) ->
     metrics[WORST_RATE] = worst_rate if target_count > 0 else 0.0
     metrics[SUM_RATE] = sum_rate
     metrics[PROPULSION_POWER] = propulsion_w
-    metrics[COLLISIONS] = worlds.close_uavs[world].sum() / 2
-    metrics[BOUNDARY_VIOLATIONS] = worlds.left_flight_box[world].sum()
-    metrics[BACKHAUL_VIOLATIONS] = worlds.weak_backhaul[world].sum()
+    metrics[COLLISIONS] = close / 2
+    metrics[BOUNDARY_VIOLATIONS] = outside
+    metrics[BACKHAUL_VIOLATIONS] = weak
 
     rate_term = log_utility / max(target_count, 1) if constants.rewards_log_rates else rate_jfi
     shared = composite_reward(
@@ -358,12 +351,16 @@ def _score(constants: Constants, worlds: Worlds, world: int, progress: float) ->
             constants.boundary_penalty,
             backhaul_penalty,
         )
+    reward = 0.0
+    for uav in range(uavs):
+        reward += worlds.rewards[world, uav]
     sums = worlds.episode_sums[world]
-    sums[0] += worlds.rewards[world].sum() / uavs
-    sums[1:] += metrics
+    sums[0] += reward / uavs
+    for metric in range(len(metrics)):
+        sums[1 + metric] += metrics[metric]
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", forceinline=True)
 def _propulsion_power_w(constants: Constants, velocity: Floats) -> float:
     speed_mps = np.sqrt(
         velocity[0] * velocity[0] + velocity[1] * velocity[1] + velocity[2] * velocity[2]
@@ -372,7 +369,7 @@ def _propulsion_power_w(constants: Constants, velocity: Floats) -> float:
     return power_w + climb_power_w(velocity[2], constants.climbing_mass_kg)
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", forceinline=True)
 def _observe(constants: Constants, worlds: Worlds, world: int) -> None:
     """Every UAV's observation, and the state but for u_dist (M18, M19)."""
     area_m = constants.area_m
@@ -402,8 +399,8 @@ def _observe(constants: Constants, worlds: Worlds, world: int) -> None:
             seen[12 + kind] = worlds.violation_slots[world, uav, kind] / past_slots
         margin_db = worlds.backhaul_snr_db[world, uav] - constants.backhaul_required_snr_db
         seen[15] = margin_db / BACKHAUL_SCALE_DB
-    state = worlds.states[world]
     size = worlds.observations.shape[2]
     for uav in range(uavs):
-        state[uav * size : (uav + 1) * size] = worlds.observations[world, uav]
-    state[-1] = worlds.metrics[world, RATE_JFI]
+        for number in range(size):
+            worlds.states[world, uav * size + number] = worlds.observations[world, uav, number]
+    worlds.states[world, -1] = worlds.metrics[world, RATE_JFI]

@@ -4,7 +4,8 @@ import numpy as np
 from numba.extending import register_jitable
 from numpy.typing import ArrayLike
 
-from orchid_uav.envs.units import SMALLEST_NORMAL, Numeric
+from orchid_uav.envs.elementary import Numeric
+from orchid_uav.envs.units import SMALLEST_NORMAL
 
 
 @register_jitable

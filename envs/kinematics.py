@@ -3,7 +3,8 @@
 import numpy as np
 from numba.extending import register_jitable
 
-from orchid_uav.envs.units import SMALLEST_NORMAL, Numeric
+from orchid_uav.envs.elementary import Numeric
+from orchid_uav.envs.units import SMALLEST_NORMAL
 
 
 @register_jitable

@@ -5,8 +5,8 @@ from numba.extending import register_jitable
 from scipy.constants import g as standard_gravity
 from scipy.optimize import minimize_scalar
 
+from orchid_uav.envs.elementary import Numeric
 from orchid_uav.envs.parameters import RotorParameters
-from orchid_uav.envs.units import Numeric
 
 _TABLE_I = RotorParameters()
 _BLADE_PROFILE_POWER_W = _TABLE_I.blade_profile_power_w

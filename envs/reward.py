@@ -9,10 +9,11 @@ from orchid_uav.envs.channel import (
     signal_to_noise_ratio,
     spectral_efficiency,
 )
+from orchid_uav.envs.elementary import Numeric, logarithm
 from orchid_uav.envs.parameters import Parameters, RewardParameters
 from orchid_uav.envs.propulsion import least_power_speed_mps, propulsion_power_w, total_power_w
 from orchid_uav.envs.sharing import user_rate_bps
-from orchid_uav.envs.units import SMALLEST_NORMAL, Numeric
+from orchid_uav.envs.units import SMALLEST_NORMAL
 
 
 @register_jitable
@@ -48,8 +49,8 @@ def log_rate_utility(rate_bps: Numeric, low_rate_bps: Numeric, high_rate_bps: Nu
     0 where no rate exceeds R_lo.
     """
     ratio = np.maximum(rate_bps, low_rate_bps) / low_rate_bps
-    span = np.maximum(np.log(high_rate_bps / low_rate_bps), SMALLEST_NORMAL)
-    return np.minimum(np.log(ratio) / span, 1.0)
+    span = np.maximum(logarithm(high_rate_bps / low_rate_bps), SMALLEST_NORMAL)
+    return np.minimum(logarithm(ratio) / span, 1.0)
 
 
 @register_jitable

@@ -8,7 +8,7 @@ import numpy as np
 from numba.extending import register_jitable
 from numpy.typing import ArrayLike, NDArray
 
-from orchid_uav.envs.units import Numeric
+from orchid_uav.envs.elementary import Numeric
 
 MAX_MIN, PROPORTIONAL, SPECTRAL_EFFICIENCY = 0, 1, 2
 SHARE_RULES = {"mmf": MAX_MIN, "pf": PROPORTIONAL, "se": SPECTRAL_EFFICIENCY}

@@ -4,8 +4,8 @@ import numpy as np
 from numba.extending import register_jitable
 from numpy.typing import ArrayLike, NDArray
 
+from orchid_uav.envs.elementary import Numeric
 from orchid_uav.envs.parameters import NetworkParameters
-from orchid_uav.envs.units import Numeric
 
 Positions = NDArray[np.float64]
 

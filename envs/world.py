@@ -16,6 +16,7 @@ from orchid_uav.envs.metrics import EPISODE_METRICS, SLOT_METRICS, SUMMED_OVER_S
 from orchid_uav.envs.parameters import Parameters
 from orchid_uav.envs.seeds import world_seeds
 from orchid_uav.envs.sharing import equal_share, user_rate_bps
+from orchid_uav.envs.threads import parts_of, run_each
 from orchid_uav.envs.users import check_user_positions, draw_user_positions
 
 _IS_SUMMED = np.array([name in SUMMED_OVER_SLOTS for name in EPISODE_METRICS])
@@ -79,6 +80,8 @@ class WorldBatch:
             worlds' own seeds. Without, the worlds are seeded from the operating system.
         user_positions_m: the caller's own users, (M, 2) in m: every episode begins with them, and
             their number replaces ``network.user_count``.
+        threads: over which the worlds of large batches are divided; changes no number. One by
+            default, as trainings are better run side by side.
         own: the caller's own parts, see :class:`Extensions`.
 
     Raises:
@@ -91,11 +94,14 @@ class WorldBatch:
         worlds: int = 1,
         seed: int | Sequence[int] | None = None,
         user_positions_m: ArrayLike | None = None,
+        threads: int = 1,
         **own: Unpack[Extensions],
     ) -> None:
         parameters = parameters or Parameters()
-        if worlds < 1:
-            raise ValueError(f"worlds is {worlds}: at least 1 is needed")
+        for name, number in (("worlds", worlds), ("threads", threads)):
+            if number < 1:
+                raise ValueError(f"{name} is {number}: at least 1 is needed")
+        self.threads = threads
         self._given_users_m = None
         if user_positions_m is not None:
             self._given_users_m = check_user_positions(user_positions_m, parameters.network)
@@ -185,7 +191,7 @@ class WorldBatch:
         arrays.transmit_powers_w[chosen] = uav.start_power_w
         arrays.walk_key[chosen] = topologies.walk_keys
         self._shadowing_db[chosen] = topologies.shadowing_db
-        self._begin_episodes(self.constants, arrays, chosen)
+        self._begin(chosen)
 
     def place(
         self,
@@ -221,7 +227,22 @@ class WorldBatch:
         self.arrays.transmit_powers_w[:] = powers_w
         self.arrays.target_users[:] = targets
         self.arrays.positions_m[:] = positions
-        self._begin_episodes(self.constants, self.arrays, np.arange(self.world_count))
+        self._begin(np.arange(self.world_count))
+
+    def _begin(self, chosen: NDArray[np.int64]) -> None:
+        links = self.uav_count * self.user_count
+        run_each(
+            lambda part: self._begin_episodes(self.constants, self.arrays, chosen[part]),
+            parts_of(len(chosen), links, self.threads),
+        )
+
+    def divide(self, function: Callable[[slice, Worlds], None]) -> None:
+        """Call a function with ranges of worlds and views of their arrays, side by side."""
+        parts = parts_of(self.world_count, self.uav_count * self.user_count, self.threads)
+        if len(parts) == 1:
+            function(parts[0], self.arrays)
+        else:
+            run_each(lambda part: function(part, self.arrays.part(part)), parts)
 
     def _draw_topology(self, drawn: Topologies, row: int, generator: np.random.Generator) -> None:
         parameters = self.parameters
@@ -255,7 +276,11 @@ class WorldBatch:
             raise ValueError("an action is not a finite number")
         if self.finished.any():
             raise RuntimeError("an episode is over or has not begun: call reset() first")
-        self._step_worlds(self.constants, self.arrays, wanted, self.progress)
+        self.divide(
+            lambda part, worlds: self._step_worlds(
+                self.constants, worlds, wanted[part], self.progress
+            )
+        )
         if self._extra_reward is not None:
             shape = self.arrays.rewards.shape
             extra = checked("extra_reward", self._extra_reward(self), shape, np.float64)

@@ -40,29 +40,29 @@ MUTANTS = [
     Mutant(
         "radians for degrees",
         "envs/channel.py",
-        "return np.degrees(np.arcsin(altitude_m / distance_m))",
-        "return np.arcsin(altitude_m / distance_m)",
+        "return np.degrees(arcsine(altitude_m / distance_m))",
+        "return arcsine(altitude_m / distance_m)",
         "envs/test_channel.py",
     ),
     Mutant(
         "natural logarithm for log2",
         "envs/channel.py",
-        "np.log2(1.0 + snr)",
+        "logarithm_2(1.0 + snr)",
         "np.log(1.0 + snr)",
         "envs/test_channel.py",
     ),
     Mutant(
         "sign of a level in dB",
         "envs/channel.py",
-        "decibel_to_linear(antenna_gain_db - path_loss_db)",
-        "decibel_to_linear(antenna_gain_db + path_loss_db)",
+        "decibel_to_linear(-excess_db)",
+        "decibel_to_linear(excess_db)",
         "envs/test_world.py",
     ),
     Mutant(
         "ten for twenty in the free-space loss",
         "envs/channel.py",
-        "20.0 * np.log10(4.0",
-        "10.0 * np.log10(4.0",
+        "return ratio * ratio",
+        "return ratio",
         "envs/test_channel.py",
     ),
     Mutant(
@@ -82,8 +82,8 @@ MUTANTS = [
     Mutant(
         "association with the nearest UAV, whatever its altitude and power",
         "envs/association.py",
-        "(is_higher & can_reach) |",
-        "(is_higher & can_reach & False) |",
+        "return is_higher & (best_case_w_m2",
+        "return False & (best_case_w_m2",
         "envs/test_world.py",
     ),
     Mutant(
@@ -103,8 +103,8 @@ MUTANTS = [
     Mutant(
         "a critic that sees one UAV only",
         "envs/dynamics.py",
-        "    for uav in range(uavs):\n        state[",
-        "    for uav in range(1):\n        state[",
+        "    for uav in range(uavs):\n        for number",
+        "    for uav in range(1):\n        for number",
         "envs/test_world.py",
     ),
     Mutant(

@@ -153,6 +153,7 @@ class _Judge:
             parameters,
             worlds=_POPULATION * _CIRCLE_POINTS,
             seed=0,
+            threads=world.threads,
             air_to_ground_path_loss_db=world.air_to_ground_path_loss_db,
         )
         angles = 2.0 * np.pi * np.arange(_CIRCLE_POINTS) / _CIRCLE_POINTS

@@ -203,7 +203,11 @@ class MADDPG(CentralizedTraining, OffPolicyAlgorithm):
         self._update_learning_rate(self.policy.optimizer)
         policy, updates = self.policy, max(1, gradient_steps * self._rows // self.n_envs)
         actor, critic = list(policy.actor.parameters()), list(policy.critic.parameters())
-        targets = [*policy.actor_target.parameters(), *policy.critic_target.parameters()]
+        sources: list[torch.Tensor] = [*actor, *critic]
+        targets: list[torch.Tensor] = [
+            *policy.actor_target.parameters(),
+            *policy.critic_target.parameters(),
+        ]
         for _ in range(updates):
             batch = self.replay_buffer.sample(batch_size)
             wanted = self.target_values(batch)
@@ -213,7 +217,7 @@ class MADDPG(CentralizedTraining, OffPolicyAlgorithm):
             self._descend(actor_loss, actor)
             with torch.no_grad():  # SB3's polyak_update, for all tensors at once
                 torch._foreach_mul_(targets, 1.0 - self.tau)
-                torch._foreach_add_(targets, [*actor, *critic], alpha=self.tau)
+                torch._foreach_add_(targets, sources, alpha=self.tau)
         self._n_updates += updates
         losses = {"critic_loss": critic_loss.item(), "actor_loss": actor_loss.item()}
         self._check_losses(losses)

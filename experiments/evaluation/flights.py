@@ -13,6 +13,7 @@ from orchid_uav.agents.controllers.planner import Planner
 from orchid_uav.envs.diagnostics import Diagnostics
 from orchid_uav.envs.parameters import Distribution, NetworkParameters, Parameters
 from orchid_uav.envs.seeds import evaluation_seeds
+from orchid_uav.envs.threads import usable_cores
 from orchid_uav.envs.world import Topologies, WorldBatch
 from orchid_uav.experiments.configuration import LEARNING_SECTIONS, SETTING_KEYS, RunConfig, flatten
 from orchid_uav.experiments.errors import InputError, RunFailedError
@@ -253,7 +254,7 @@ def _fly_batch(
     cost: float,
     heed_stop: Callable[[], None],
 ) -> Metrics:
-    world = WorldBatch(parameters, worlds=len(seeds), seed=0)
+    world = WorldBatch(parameters, worlds=len(seeds), seed=0, threads=usable_cores())
     world.set_progress(1.0)
     world.use_topology(topologies)
     method = contender.make(seeds)

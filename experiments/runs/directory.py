@@ -25,6 +25,7 @@ from orchid_uav.experiments.runs.records import (
     CONFIG_FILE,
     EPISODES_FILE,
     LARGEST_LOG,
+    NUMERICS,
     RECORD_FILE,
     SCHEMA,
     Resumption,
@@ -33,7 +34,7 @@ from orchid_uav.experiments.runs.records import (
     read_config,
     read_record,
 )
-from orchid_uav.notices import reason_of
+from orchid_uav.notices import note_once, reason_of
 from orchid_uav.storage.files import (
     checksum_of_file,
     json_bytes,
@@ -128,6 +129,7 @@ class RunDirectory:
                 status="running",
                 finished=None,
                 error=None,
+                numerics=NUMERICS,
             )
             run = cls(path, lock, record)
             write_atomically(path / CONFIG_FILE, content)
@@ -169,6 +171,12 @@ class RunDirectory:
                 run._replace_config(config)
             run._remove_leftovers()
             run.is_resumed = True
+            if run.record.numerics != NUMERICS:
+                note_once(
+                    f"numerics of {run.id}",
+                    f"run {run.id} began with a version whose numbers differ from today's in their "
+                    "last digits: it goes on, but not bit for bit as it would have there",
+                )
             run.record.resumed.append(
                 Resumption(
                     time=datetime.now(UTC).isoformat(timespec="seconds"),

@@ -28,6 +28,10 @@ _LARGEST_CONFIG = 2**20
 LARGEST_LOG = 2**30
 """The most bytes that ``episodes.csv`` may have."""
 
+NUMERICS = 2
+"""Raised whenever last digits of simulator or learner change, and with them a training's course.
+2: the simulator's own elementary functions, and the learner's products in other orders."""
+
 Status = Literal["running", "completed", "failed", "interrupted"]
 SeenStatus = Literal["running", "completed", "failed", "interrupted", "died"]
 """The status that users see: "died" if a run says that it is running and its process is gone."""
@@ -70,6 +74,8 @@ class RunRecord(Document):
     former_ids: list[str] = Field(default=[])
     """Ids of the runs that this one was copied from, or that it had before it was renamed. Those of
     its checkpoints and policies that are older than its present id name one of these."""
+    numerics: int = 1
+    """``NUMERICS`` of the version that began the run."""
     next_config_sha256: str | None = None
     """Checksum of the configuration that is about to replace the present one."""
 

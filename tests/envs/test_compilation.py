@@ -48,7 +48,7 @@ def test_an_equation_changed_in_another_file_is_compiled_anew(tmp_path):
     assert (first[0], again[0]) == (0, 1)
     assert first[1] == again[1]
     text = channel.read_text()
-    changed = text.replace("np.log2(1.0 + snr)", "np.log2(2.0 + snr)")
+    changed = text.replace("logarithm_2(1.0 + snr)", "logarithm_2(2.0 + snr)")
     assert changed != text
     channel.write_text(changed)
     hits, rates = fly(tmp_path)

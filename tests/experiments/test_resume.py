@@ -28,12 +28,12 @@ from orchid_uav.experiments.errors import InputError, RunFailedError
 from orchid_uav.experiments.evaluation.methods import read_policy
 from orchid_uav.experiments.interruption import Interruption
 from orchid_uav.experiments.runs.directory import RunDirectory
-from orchid_uav.experiments.runs.records import read_config, read_record, status_of
+from orchid_uav.experiments.runs.records import NUMERICS, read_config, read_record, status_of
 from orchid_uav.experiments.training import listeners
 from orchid_uav.experiments.training import loop as training
 from orchid_uav.experiments.training.checkpoints import CheckpointStore
 from orchid_uav.experiments.training.trackers import open_tracker
-from tests.helpers.damage import reseal
+from tests.helpers.damage import reseal, write_sealed
 from tests.helpers.processes import (
     TINY_FLAGS,
     Audience,
@@ -761,6 +761,20 @@ class TestCommand:
         [resumed] = record_of(stopped)["resumed"]
         assert resumed["command"][:2] == ["orchid", "train"]
         assert resumed["command"][-1] == str(given)
+
+    def test_says_that_a_run_began_with_other_last_digits(self, stopped, orchid):
+        record = record_of(stopped)
+        assert record.pop("numerics") == NUMERICS
+        write_sealed(stopped / "run.json", record)  # of a version that did not count them yet
+        finished = orchid("train", "--resume", stopped)
+        assert finished.code == 0
+        assert "note: run" in finished.err
+        assert "last digits" in finished.err
+        assert record_of(stopped)["status"] == "completed"
+        assert "numerics" not in record_of(stopped)  # it stays a run of that version
+        again = orchid("train", "--resume", begin(stopped.parent, case("mappo", 2)), "--episodes=3")
+        assert again.code == 0
+        assert "last digits" not in again.err
 
     @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
     @pytest.mark.parametrize("where", ["--runs-dir", "ORCHID_RUNS_DIR"])
