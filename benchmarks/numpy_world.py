@@ -2,23 +2,23 @@
 
 One call of :func:`step_worlds` does to the arrays of :class:`orchid_uav.envs.arrays.Worlds` what
 the compiled function of that name does, with the same equations, but on whole arrays: no Python
-loop over worlds, UAVs or users. ``tests/studies/test_numpy_world.py`` compares the two, slot by
-slot.
+loop over worlds, UAVs or users. Exponentials, logarithms and arcsines are NumPy's own, which are
+faster on arrays than :mod:`orchid_uav.envs.elementary`. ``tests/studies/test_numpy_world.py``
+compares the two, slot by slot.
 """
 
 from functools import lru_cache
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.second_copy import second_copy
+from orchid_uav.envs import channel as simulators_channel
+from orchid_uav.envs import elementary
+from orchid_uav.envs import units as simulators_units
 from orchid_uav.envs.arrays import HISTOGRAM_CELLS, Constants, Floats, Worlds
-from orchid_uav.envs.channel import (
-    air_to_ground_path_loss_db,
-    backhaul_snr,
-    received_power_w,
-    spectral_efficiency,
-)
 from orchid_uav.envs.fairness import jain_index_from_sums
 from orchid_uav.envs.kinematics import clipped, displacement_factor, is_outside, relative
 from orchid_uav.envs.metrics import (
@@ -45,10 +45,22 @@ from orchid_uav.envs.reward import (
     penalty,
 )
 from orchid_uav.envs.sharing import MAX_MIN, PROPORTIONAL, bandwidth_share
-from orchid_uav.envs.units import linear_to_decibel
 from orchid_uav.envs.users import counter_uniform, reflect_into, reflection_sign
 
 Integers = NDArray[np.int64]
+
+
+class _NumpysOwn(ModuleType):
+    """Stands in for :mod:`orchid_uav.envs.elementary`."""
+
+    Numeric = Any
+    exponential, arcsine = np.exp, np.arcsin
+    logarithm, logarithm_2, logarithm_10 = np.log, np.log2, np.log10
+
+
+_ELEMENTARY = {elementary.__name__: _NumpysOwn(elementary.__name__)}
+units = second_copy(simulators_units, _ELEMENTARY)
+channel = second_copy(simulators_channel, {**_ELEMENTARY, simulators_units.__name__: units})
 
 
 def step_worlds(
@@ -164,18 +176,18 @@ def _serve(constants: Constants, worlds: Worlds, prune: bool) -> None:
     served = snr >= constants.required_snr
     served &= worlds.target_users
     worlds.association[:] = np.where(served, strongest, -1)
-    worlds.spectral_efficiency[:] = np.where(served, spectral_efficiency(snr), 0.0)
+    worlds.spectral_efficiency[:] = np.where(served, channel.spectral_efficiency(snr), 0.0)
     _share(constants, worlds, served)
 
 
 def _received_from_all_w(constants: Constants, worlds: Worlds, ground_squared_m2: Floats) -> Floats:
     """Received powers (B, N, M); ``ground_squared_m2`` is overwritten."""
-    path_loss_db = air_to_ground_path_loss_db(
+    path_loss_db = channel.air_to_ground_path_loss_db(
         np.sqrt(ground_squared_m2, out=ground_squared_m2),
         worlds.positions_m[..., 2, None],
         *constants.link,
     )
-    return received_power_w(
+    return channel.received_power_w(
         worlds.transmit_powers_w[..., None], constants.access_gain_db, path_loss_db
     )
 
@@ -199,12 +211,12 @@ def _received_from_few_w(constants: Constants, worlds: Worlds, ground_squared_m2
     is_candidate &= worlds.target_users[:, None]
     links = np.flatnonzero(is_candidate)
     uavs = links // ground_squared_m2.shape[2]
-    path_loss_db = air_to_ground_path_loss_db(
+    path_loss_db = channel.air_to_ground_path_loss_db(
         np.sqrt(ground_squared_m2.ravel()[links]), altitude_m.ravel()[uavs], *constants.link
     )
     power_w = nearness
     power_w.fill(0.0)
-    power_w.ravel()[links] = received_power_w(
+    power_w.ravel()[links] = channel.received_power_w(
         worlds.transmit_powers_w.ravel()[uavs], constants.access_gain_db, path_loss_db
     )
     return power_w
@@ -243,14 +255,14 @@ def _watch_constraints(constants: Constants, worlds: Worlds) -> None:
     close = _sum_of_squares(apart_m) < constants.min_separation_m * constants.min_separation_m
     close &= _others(positions_m.shape[1])
     close.sum(axis=2, out=worlds.close_uavs)
-    snr = backhaul_snr(
+    snr = channel.backhaul_snr(
         np.sqrt(_sum_of_squares(positions_m - constants.gbs_position_m)),
         constants.gbs_transmit_power_w,
         constants.backhaul_gain_db,
         constants.carrier_frequency_hz,
         constants.backhaul_noise_power_w,
     )
-    worlds.backhaul_snr_db[:] = linear_to_decibel(snr)
+    worlds.backhaul_snr_db[:] = units.linear_to_decibel(snr)
     np.less(worlds.backhaul_snr_db, constants.backhaul_required_snr_db, out=worlds.weak_backhaul)
     worlds.violation_slots[..., 0] += worlds.close_uavs > 0
     worlds.violation_slots[..., 1] += worlds.left_flight_box

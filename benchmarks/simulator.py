@@ -20,12 +20,9 @@ its steps is less work than one of our world-steps. It is left out where it is n
 
 import importlib.metadata
 import importlib.util
-import sys
 import time
 from collections.abc import Callable
 from functools import partial
-from types import ModuleType
-from typing import Any
 from unittest import mock
 
 import numba
@@ -35,13 +32,18 @@ from threadpoolctl import threadpool_limits
 
 from benchmarks import numpy_world
 from benchmarks.measuring import Case, alternate, arguments, keep_freed_memory, ratio, report
-from orchid_uav.envs import association, channel, dynamics, make_vec_env
+from benchmarks.second_copy import second_copy
+from orchid_uav.envs import association, channel, compilation, dynamics, make_vec_env
 from orchid_uav.envs.arrays import ACTION_SIZE
 from orchid_uav.envs.parameters import Parameters
 from orchid_uav.envs.world import WorldBatch
 from studies.recording import record
 
 WORLDS, SLOTS = 64, 200
+EVALUATED = 100
+"""Worlds of an evaluation, for threads."""
+LARGE = ((20, 1000, 8, 20), (200, 20_000, 1, 4))
+"""Larger networks: UAVs, users, worlds, slots."""
 MOVING_MPS = 10.0
 PROGRESS = 0.5
 STATIONS_M = ((50, 100), (60, 210), (90, 60), (120, 130), (130, 215))
@@ -54,30 +56,15 @@ Step = Callable[..., None]
 def compiled_without_pruning() -> Step:
     """Make a compiled step whose association evaluates every link.
 
-    Compiled code keeps the constants with which it was compiled, and numba's cache does not
-    distinguish the two. So this makes second copies of the modules, which do not use the cache.
+    Compiled code keeps the constants with which it was compiled, and its cache does not distinguish
+    the two. So this makes second copies of the modules, which do not use the cache.
     """
-    compiler = numba.njit
-
-    def njit(*functions: Any, cache: bool = False, **options: Any) -> Any:
-        return compiler(*functions, **options)
-
     with (
-        mock.patch.object(numba, "njit", njit),
+        mock.patch.object(compilation, "compiled", numba.njit(error_model="numpy")),
         mock.patch.object(channel, "LOSS_ALLOWS_PRUNING", False),
     ):
-        all_links = _second_copy(association)
-        with mock.patch.dict(sys.modules, {association.__name__: all_links}):
-            return _second_copy(dynamics).step_worlds
-
-
-def _second_copy(module: ModuleType) -> ModuleType:
-    assert module.__file__ is not None
-    specification = importlib.util.spec_from_file_location("second_copy", module.__file__)
-    assert specification is not None and specification.loader is not None
-    copy = importlib.util.module_from_spec(specification)
-    specification.loader.exec_module(copy)
-    return copy
+        all_links = second_copy(association, {})
+        return second_copy(dynamics, {association.__name__: all_links}).step_worlds
 
 
 def batch_speed(
@@ -95,6 +82,16 @@ def batch_speed(
         begin_s = time.perf_counter()
     for actions in pool:
         step(batch.constants, batch.arrays, actions, PROGRESS)
+    return batch.world_count * len(pool) / (time.perf_counter() - begin_s)
+
+
+def threads_speed(threads: int, pool: NDArray[np.float64], repetition: int) -> float:
+    """World-steps per second through :meth:`WorldBatch.step`, over some threads."""
+    batch = WorldBatch(worlds=pool.shape[1], seed=repetition, threads=threads)
+    batch.reset()
+    begin_s = time.perf_counter()
+    for actions in pool:
+        batch.step(actions)
     return batch.world_count * len(pool) / (time.perf_counter() - begin_s)
 
 
@@ -151,15 +148,29 @@ def mobile_env_speed(repetition: int) -> float:
     return STATION_STEPS / (time.perf_counter() - begin_s)
 
 
+def pool_of(worlds: int, uavs: int, slots: int) -> NDArray[np.float64]:
+    """Random actions of an episode."""
+    return np.random.default_rng(0).uniform(-1.0, 1.0, (slots, worlds, uavs, ACTION_SIZE))
+
+
 def cases() -> dict[str, Case]:
     """All cases; each returns world-steps per second."""
     still, single = WorldBatch(worlds=WORLDS), WorldBatch(worlds=1)
     moving = WorldBatch(Parameters().with_overrides({"user_speed_mps": MOVING_MPS}), WORLDS)
-    shape = (SLOTS, WORLDS, still.uav_count, ACTION_SIZE)
-    pool = np.random.default_rng(0).uniform(-1.0, 1.0, shape)
+    pool = pool_of(WORLDS, still.uav_count, SLOTS)
+    many = pool_of(EVALUATED, still.uav_count, SLOTS)
     rows = pool.reshape(SLOTS, -1, ACTION_SIZE).astype(np.float32)
     compiled, numpy_step = dynamics.step_worlds, numpy_world.step_worlds
     numpy_few_links = partial(numpy_world.step_worlds, prune=True)
+    large = {
+        f"{uavs} x {users:,}": (
+            WorldBatch(
+                Parameters().with_overrides({"uav_count": uavs, "user_count": users}), count
+            ),
+            pool_of(count, uavs, slots),
+        )
+        for uavs, users, count, slots in LARGE
+    }
     named: dict[str, Case] = {
         "compiled": partial(batch_speed, still, pool, compiled),
         "compiled, all links": partial(batch_speed, still, pool, compiled_without_pruning()),
@@ -177,6 +188,13 @@ def cases() -> dict[str, Case]:
         "numpy, moving users": partial(batch_speed, moving, pool, numpy_step),
         "compiled, 1 world": partial(batch_speed, single, pool[:, :1], compiled),
         "numpy, 1 world": partial(batch_speed, single, pool[:, :1], numpy_step),
+        **{
+            f"{kind}, {name}": partial(batch_speed, batch, actions, step)
+            for name, (batch, actions) in large.items()
+            for kind, step in (("compiled", compiled), ("numpy", numpy_step))
+        },
+        "step, 1 thread": partial(threads_speed, 1, many),
+        "step, 2 threads": partial(threads_speed, 2, many),
         "SB3 interface": partial(interface_speed, WORLDS, rows),
         "SB3 interface, 1 world": partial(interface_speed, 1, rows),
     }
@@ -199,6 +217,14 @@ RATIOS = {
     "compiled / numpy, 1 world": ("compiled, 1 world", "numpy, 1 world"),
     "what sparing links brings, compiled": ("compiled", "compiled, all links"),
     "what sparing links brings, numpy": ("numpy, few links", "numpy"),
+    **{
+        f"compiled / numpy, {uavs} x {users:,}": (
+            f"compiled, {uavs} x {users:,}",
+            f"numpy, {uavs} x {users:,}",
+        )
+        for uavs, users, _, _ in LARGE
+    },
+    "2 threads / 1 thread": ("step, 2 threads", "step, 1 thread"),
     "compiled, moving users / mobile-env": ("compiled, moving users", "mobile-env"),
     "SB3 interface, 1 world / mobile-env": ("SB3 interface, 1 world", "mobile-env"),
 }
@@ -223,12 +249,20 @@ def main() -> None:
             "uavs": network.uav_count,
             "users": network.user_count,
             "slots": SLOTS,
+            "worlds_on_threads": EVALUATED,
             "moving_users_mps": MOVING_MPS,
             "mobile_env": _mobile_env_version(),
             "mobile_env_stations": len(STATIONS_M),
             "repetitions": options.repetitions,
         },
         world_steps_per_s=speeds,
+        ns_per_link={
+            f"{uavs} x {users:,}": round(1e9 / speeds[case]["median"] / uavs / users, 2)
+            for case, uavs, users in (
+                ("compiled", network.uav_count, network.user_count),
+                *((f"compiled, {uavs} x {users:,}", uavs, users) for uavs, users, _, _ in LARGE),
+            )
+        },
         ratios=ratios,
     )
     rows = {name: f"{speed['median']:,.0f} world-steps/s" for name, speed in speeds.items()}

@@ -8,9 +8,10 @@ after imports and compilation, as in ``orchid train --json``.
 forward passes, losses, backward passes, clipping and optimizer steps, on prepared minibatches of
 one stored rollout. There is no environment, no rollout, no shuffling and no logging. Before the
 updates of each episode the weights are restored, outside the measured time, so that the rollout
-still belongs to them.
+still belongs to them. "plain updates" are the same with torch's own ``Sequential``, which leaves
+out what :class:`orchid_uav.agents.networks.Perceptron` spares.
 
-Both take turns in one process with one thread.
+Both units of minibatches are measured. All cases take turns in one process with one thread.
 """
 
 import io
@@ -31,9 +32,10 @@ from rich.console import Console
 from stable_baselines3.common.callbacks import CallbackList
 from stable_baselines3.common.logger import Logger
 from threadpoolctl import threadpool_limits
+from torch import nn
 from torch.nn import functional
 
-from benchmarks.measuring import alternate, arguments, ratio, report
+from benchmarks.measuring import Case, alternate, arguments, ratio, report
 from benchmarks.stopwatch import Stopwatch
 from orchid_uav.agents.mappo.mappo import MAPPO
 from orchid_uav.agents.mappo.policy import CentralizedCriticPolicy
@@ -50,6 +52,9 @@ from orchid_uav.experiments.training.trackers import SafeTracker, open_tracker
 from studies.recording import record
 
 EPISODES = 30
+UNITS = ("rows", "slots")
+UNIT = "rows"
+"""Of what is measured for one unit alone."""
 DENORMAL_EPISODES, DENORMAL_LAST = 80, 20
 MEMORY_EPISODES = 20
 _HALF_LOG_TWO_PI = 0.5 * float(np.log(2.0 * np.pi))
@@ -86,16 +91,17 @@ SHARES = {
 REST = "rest of the loop"
 
 
-def configuration(episodes: int, seed: int) -> RunConfig:
-    """The paper's configuration with fewer episodes."""
+def configuration(unit: str, episodes: int, seed: int) -> RunConfig:
+    """The paper's configuration with fewer episodes, and minibatches of a unit."""
     paper = RunConfig().model_dump()
     paper["training"] |= {"episodes": episodes, "seed": seed}
+    paper["ppo"]["minibatch"] = unit
     return RunConfig.model_validate(paper)
 
 
-def learning_loop_s(episodes: int, repetition: int) -> float:
+def learning_loop_s(unit: str, episodes: int, repetition: int) -> float:
     """Seconds of the learning loop as users run it."""
-    config = configuration(episodes, repetition)
+    config = configuration(unit, episodes, repetition)
     terminal = Console(file=io.StringIO(), force_terminal=True, width=120)
     with tempfile.TemporaryDirectory() as directory:
         run = RunDirectory.create(Path(directory), "benchmark", config, sys.argv)
@@ -107,10 +113,15 @@ def learning_loop_s(episodes: int, repetition: int) -> float:
 
 
 class BareUpdates:
-    """Gradient steps on one stored rollout, and nothing else."""
+    """Gradient steps on one stored rollout, and nothing else.
 
-    def __init__(self) -> None:
-        config = configuration(episodes=1, seed=0)
+    Args:
+        unit: of minibatches.
+        plain: with torch's own way through the layers.
+    """
+
+    def __init__(self, unit: str, plain: bool = False) -> None:
+        config = configuration(unit, episodes=1, seed=0)
         loop.set_up_torch(config.training.threads)
         env = FleetVecEnv(config.network_parameters, seed=None)
         model = loop.build_model(config, env)
@@ -119,6 +130,7 @@ class BareUpdates:
         self._weights = deepcopy(self._policy.state_dict())
         model.learn(config.network.episode_slots * env.num_envs)
         self._ppo = config.ppo
+        self._through = nn.Sequential.forward if plain else nn.Module.__call__
         self._minibatches = [
             batch
             for _ in range(config.ppo.epochs)
@@ -143,7 +155,7 @@ class BareUpdates:
 
     def _update(self, batch: MiniBatch) -> None:
         policy, ppo = self._policy, self._ppo
-        mean = torch.tanh(policy.actor(batch.observations))
+        mean = torch.tanh(self._through(policy.actor, batch.observations))
         deviations = (batch.actions - mean) / policy.log_std.exp()
         log_prob = -(0.5 * deviations**2 + policy.log_std + _HALF_LOG_TWO_PI).sum(dim=1)
         entropy = (policy.log_std + 0.5 + _HALF_LOG_TWO_PI).sum()
@@ -152,9 +164,8 @@ class BareUpdates:
         likelihood = (log_prob - batch.old_log_prob).exp()
         clipped = likelihood.clamp(1.0 - ppo.clip_ratio, 1.0 + ppo.clip_ratio)
         policy_loss = -torch.min(advantages * likelihood, advantages * clipped).mean()
-        value_loss = functional.mse_loss(
-            policy.critic(batch.states).squeeze(-1)[batch.state_of_row], batch.returns
-        )
+        values = self._through(policy.critic, batch.states).squeeze(-1)[batch.state_of_row]
+        value_loss = functional.mse_loss(values, batch.returns)
         loss = policy_loss - ppo.entropy_coef[0] * entropy + ppo.value_coef * value_loss
         policy.optimizer.zero_grad()
         loss.backward()
@@ -177,15 +188,15 @@ def update_phase_s(flush: bool, repetition: int) -> float:
         mock.patch.object(MAPPO, "train", timed_train),
         mock.patch.object(torch, "set_flush_denormal", lambda _: set_flush_denormal(flush)),
     ):
-        learning_loop_s(DENORMAL_EPISODES, repetition)
+        learning_loop_s(UNIT, DENORMAL_EPISODES, repetition)
     return sum(seconds[-DENORMAL_LAST:]) / DENORMAL_LAST
 
 
-def spent_s() -> dict[str, float]:
+def spent_s(unit: str) -> dict[str, float]:
     """Seconds per episode of the learning loop by what takes them, the largest first."""
     watch = Stopwatch()
     with watch.watching(WATCHED):
-        total_s = learning_loop_s(EPISODES, repetition=0)
+        total_s = learning_loop_s(unit, EPISODES, repetition=0)
     spent = dict.fromkeys([*SHARES.values(), REST], 0.0)
     for path, seconds in watch.exclusive_s().items():
         if path[0] in ("rollout", "update", "log"):  # other functions are called before the loop
@@ -228,14 +239,14 @@ def main() -> None:
     """Measure and report."""
     options = arguments("Cost of the learning loop, one thread.", repetitions=7)
     with threadpool_limits(1):
-        bare = BareUpdates()
-        seconds = alternate(
-            {
-                "learning loop": partial(learning_loop_s, EPISODES),
-                "bare updates": partial(bare.seconds, EPISODES),
-            },
-            options.repetitions,
-        )
+        bare = {unit: BareUpdates(unit) for unit in UNITS}
+        cases: dict[str, Case] = {}
+        for unit in UNITS:
+            cases[f"learning loop, {unit}"] = partial(learning_loop_s, unit, EPISODES)
+            cases[f"bare updates, {unit}"] = partial(bare[unit].seconds, EPISODES)
+            plain = BareUpdates(unit, plain=True)
+            cases[f"plain updates, {unit}"] = partial(plain.seconds, EPISODES)
+        seconds = alternate(cases, options.repetitions)
         update_phase = alternate(
             {
                 "denormals flushed": partial(update_phase_s, True),
@@ -243,10 +254,16 @@ def main() -> None:
             },
             max(1, options.repetitions // 2),
         )
-        spent = spent_s()
+        spent = {unit: spent_s(unit) for unit in UNITS}
     memory = peak_memory_mib()
     ratios = {
-        "learning loop / bare updates": ratio(seconds, "learning loop", "bare updates"),
+        f"learning loop / {kind} updates, {unit}": ratio(
+            seconds, f"learning loop, {unit}", f"{kind} updates, {unit}"
+        )
+        for unit in UNITS
+        for kind in ("bare", "plain")
+    }
+    ratios |= {
         "updates, denormals kept / flushed": ratio(
             update_phase, "denormals kept", "denormals flushed"
         ),
@@ -255,7 +272,7 @@ def main() -> None:
         {
             "episodes": EPISODES,
             "repetitions": options.repetitions,
-            "samples_per_gradient_step": bare.sizes,
+            "samples_per_gradient_step": {unit: bare[unit].sizes for unit in UNITS},
             "denormal_episodes": DENORMAL_EPISODES,
             "denormal_last_episodes": DENORMAL_LAST,
             "memory_episodes": MEMORY_EPISODES,
@@ -268,7 +285,11 @@ def main() -> None:
     )
     rows = {name: f"{value['median']:.2f} s" for name, value in seconds.items()}
     rows |= {name: f"{value:.2f} x" for name, value in ratios.items()}
-    rows |= {f"per episode: {name}": f"{value * 1e3:.2f} ms" for name, value in spent.items()}
+    rows |= {
+        f"per episode, {unit}: {name}": f"{value * 1e3:.2f} ms"
+        for unit in UNITS
+        for name, value in spent[unit].items()
+    }
     rows |= {f"peak memory, {name}": f"{value} MiB" for name, value in memory.items()}
     report(f"Training, {EPISODES} episodes, one thread", rows, document, options.json)
 

@@ -13,7 +13,7 @@ from typing import TypeVar
 
 Part = TypeVar("Part")
 
-LEAST_LINKS = 20_000
+LEAST_LINKS = 10_000
 """Links of UAVs and users whose slot takes some 50 microseconds, worth waking a thread for."""
 
 

@@ -1,5 +1,6 @@
 """Blocks of the documentation about ablations, from the committed results."""
 
+import statistics
 import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -16,7 +17,7 @@ from orchid_uav.experiments.statistics.results import EvaluationResult
 from studies.pages.markdown import FIGURES, ROOT, recorded, table
 from studies.recording import read_ablation
 
-NAME, CONTROLS = "ablation_no_rf", "ablation_controls"
+NAME, CONTROLS, MINIBATCH = "ablation_no_rf", "ablation_controls", "ablation_minibatch"
 CURVES = FIGURES / f"{NAME}.png"
 _HEADS = ("metric", "difference [95 %]", "relative", "P(better)", "p (Holm)", "verdict")
 
@@ -136,16 +137,55 @@ def summary_block() -> str:
 
 def effects_block() -> str:
     """What Reset-and-Finetune changes: the differences of the variant without it, first."""
-    document = read_ablation(NAME)
+    return _effects(NAME, "with", "without")
+
+
+def minibatch_block() -> str:
+    """What minibatches of whole slots change, the differences slots minus rows (M34)."""
+    document = read_ablation(MINIBATCH)
+    (variant,) = document.settings.variants
+    every = [
+        one for kind in document.comparisons for one in document.comparisons[kind][variant].values()
+    ]
+    must_hold(
+        all(one.difference.mean >= 0.0 for one in every if one.difference),
+        "no metric is worse with slots, in the mean",
+    )
+    found = document.values["evaluation"]
+    zero = doing_nothing(document)
+    must_hold(
+        max(found[name]["utility"].iqm for name in (BASE, variant)) < zero,
+        "both are worse than doing nothing",
+    )
+    verdicts = [one.verdict for one in every]
+    shown = {name: _seconds(document, name) for name in (BASE, variant)}
+    words = (
+        f"No metric is worse with slots in the mean; of {len(verdicts)} comparisons "
+        f"{verdicts.count('equivalent')} are equivalent within the margin and "
+        f"{verdicts.count('better')} better. Both are worse than doing nothing "
+        f"({found[BASE]['utility'].iqm:.3f} and {found[variant]['utility'].iqm:.3f} against "
+        f"{zero:.3f} in utility). A run takes {shown[variant]:.0f} seconds instead of "
+        f"{shown[BASE]:.0f} (medians, beside other work on the machine)."
+    )
+    return "\n\n".join([textwrap.fill(words, 104), _effects(MINIBATCH, "rows", "slots")])
+
+
+def _seconds(document: AblationResult, name: str) -> float:
+    return statistics.median(run.seconds for run in document.runs if run.variant == name)
+
+
+def _effects(name: str, base: str, variant: str) -> str:
+    """Tables of an ablation with one variant."""
+    document = read_ablation(name)
     parts = []
     for kind, title in KINDS.items():
         rows = [
-            [metric, *cells[: len(_HEADS) - 1], base, own]
-            for _, metric, *cells, base, own, _ in comparison_rows(document, kind)
+            [metric, *cells[: len(_HEADS) - 1], first, second]
+            for _, metric, *cells, first, second, _ in comparison_rows(document, kind)
         ]
-        heads = [*_HEADS, "with (IQM)", "without (IQM)"]
+        heads = [*_HEADS, f"{base} (IQM)", f"{variant} (IQM)"]
         parts += [f"**{title.capitalize()}**", table(heads, rows)]
-    return "\n\n".join([*parts, _source(document)])
+    return "\n\n".join([*parts, _source(document, name)])
 
 
 def controls_block() -> str:
@@ -322,5 +362,6 @@ ABLATION_BLOCKS = {
     "policies and twins": (_PAGE, twins_block),
     "trigger": (_PAGE, trigger_block),
     "controls": (_PAGE, controls_block),
+    "minibatches": (_PAGE, minibatch_block),
 }
 """Page and content of every block, by the name in its markers."""

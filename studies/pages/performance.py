@@ -14,9 +14,25 @@ INTRODUCTION = """\
 `make bench` measures this anew. All numbers here come from the JSON files under
 [studies/results](../studies/results), which hold every repetition, through
 `make docs-data`. Everything runs on one core. Absolute numbers belong to the machine
-named. Ratios were taken side by side within one run, but they too depend on the processor: NumPy
-computes exponentials and logarithms with vector instructions, compiled code one by one.
+named. Ratios were taken side by side within one run, but they too depend on the processor.
 Training beside BenchMARL's is [elsewhere](validation.md#speed-of-training).
+"""
+
+BEFORE_TEXT = """\
+## Beside the code before
+
+This code and commit `{before:.7}` in turns, every measurement a process with one thread of its own,
+medians of {repetitions} repetitions. Trainings: seconds of processor time for {episodes} episodes
+of the paper's configuration, with minibatches of rows unless slots are named. Simulators, by UAVs
+and users: world-steps per second of the best of three episodes.
+"""
+
+BEFORE_REASONS = """\
+The simulator has its own arcsine, exponential and logarithms (`envs/elementary.py`), which
+vectorise, and takes users in tiles whose links stay in the processor's cache. The learner sends a
+state through the critic once per minibatch, takes log densities from the noise that was drawn, and
+multiplies large matrices with oneDNN where that is faster: on AMD's processors with AVX-512, which
+MKL, torch's own choice, does not use there. On other processors the trainings gain less.
 """
 
 SIMULATOR_TEXT = """\
@@ -32,8 +48,9 @@ Medians of {repetitions} repetitions, in which all cases took turns.
 leaves out most link evaluations, as the compiled step does (a UAV that is farther, weighted by
 power, and seen lower cannot be received better); `all links` goes without that. The C library is
 told to keep freed memory, as it does by itself in a process that has once freed a large array;
-`fresh process` shows NumPy without that. `SB3 interface` is `make_vec_env(…).step`, as the
-learner calls it.
+`fresh process` shows NumPy without that. `20 x 1,000` are UAVs and users of larger networks.
+`step` is `WorldBatch.step` on {worlds_on_threads} worlds, as an evaluation calls it, over one
+thread and two. `SB3 interface` is `make_vec_env(…).step`, as the learner calls it.
 `mobile-env` is PyPI's mobile-env {mobile_env} with {mobile_env_stations} stations and {users}
 walking users: no flight, no propulsion, no fairness, no batch.
 """
@@ -47,9 +64,15 @@ LOOP_TEXT = """\
 
 `learning loop` is what `orchid train` does between its first and its last episode: the paper's
 configuration with {episodes} episodes, `episodes.csv`, TensorBoard's events and the live display.
-`bare updates` are as many gradient steps ({steps} per episode on {sizes} samples) with the same
+`bare updates` are as many gradient steps ({sizes} samples) with the same
 networks, loss, clipping and optimizer on minibatches that lie ready: no simulator, no rollout, no
-shuffling, no figures. One torch thread, one process, medians of {repetitions} repetitions in turns.
+shuffling, no figures. `plain updates` are the same through torch's own layers one by one, as one
+would usually write it. One torch thread, one process, medians of {repetitions} repetitions in
+turns.
+
+With slots the updates take less than half the time of those with rows, and the rollout stays: 200
+slots one after the other, each of six rows through the actor. So the loop is a greater multiple of
+them, though the run is shorter.
 """
 
 SPENT_TEXT = """\
@@ -115,11 +138,33 @@ def _simulator(result: Mapping[str, Any]) -> list[str]:
         [name, f"{value:,.1f}" if value < 100 else f"{value:,.0f}"]
         for name, value in result["ratios"].items()
     ]
+    links = ", ".join(
+        f"{nanoseconds:.1f} at {size}" for size, nanoseconds in result["ns_per_link"].items()
+    )
     return [
         SIMULATOR_TEXT.format(**result["settings"]),
         _table(["case", "world-steps/s", "least … greatest"], speeds),
+        f"Nanoseconds per link (UAV and user) of the compiled step: {links}.\n",
         RATIO_TEXT,
         _table(["ratio", "times"], ratios),
+        _conditions(result),
+    ]
+
+
+def _before(result: Mapping[str, Any]) -> list[str]:
+    rows = []
+    for name, ratio in result["times_as_fast"].items():
+        measured = result["results"][name]
+        # Of minibatches of slots there was nothing before: they stand beside those of rows.
+        former = result["results"].get(f"{name}, before", result["results"]["MAPPO, before"])
+        is_training = name.startswith("MA")
+        unit, digits = ("s", 1) if is_training else ("world-steps/s", 0)
+        cells = [spread(case, 1.0, digits)[0] for case in (former, measured)]
+        rows.append([name, unit, *cells, f"**{ratio:.2f}**"])
+    return [
+        BEFORE_TEXT.format(**result["settings"]),
+        _table(["", "unit", "before", "now", "times as fast"], rows),
+        BEFORE_REASONS,
         _conditions(result),
     ]
 
@@ -127,26 +172,32 @@ def _simulator(result: Mapping[str, Any]) -> list[str]:
 def _training(result: Mapping[str, Any]) -> list[str]:
     settings, ratios = result["settings"], result["ratios"]
     sizes = settings["samples_per_gradient_step"]
-    size_text = " or ".join(str(size) for size in sorted(set(sizes), reverse=True))
+    size_text = "; ".join(
+        f"{unit}: {len(steps)} per episode on "
+        + " or ".join(str(size) for size in sorted(set(steps), reverse=True))
+        for unit, steps in sizes.items()
+    )
     loop = [[name, *spread(case, 1.0, 2)] for name, case in result["seconds"].items()]
-    ratio = f"**{ratios['learning loop / bare updates']:.2f}**"
-    loop.append(["learning loop / bare updates", ratio, ""])
-    spent_s = result["spent_s_per_episode"]
-    total_s = sum(spent_s.values())
-    spent = [
-        [name, f"{seconds * 1e3:.2f}", f"{seconds / total_s:.1%}"]
-        for name, seconds in spent_s.items()
+    loop += [
+        [name, f"**{ratio:.2f}**", ""] for name, ratio in ratios.items() if name.startswith("learn")
     ]
+    spent = []
+    for unit, parts in result["spent_s_per_episode"].items():
+        total_s = sum(parts.values())
+        spent += [
+            [unit, name, f"{seconds * 1e3:.2f}", f"{seconds / total_s:.1%}"]
+            for name, seconds in parts.items()
+        ]
     denormal = [
         [name, *spread(case, 1e3, 1)] for name, case in result["update_phase_s_per_episode"].items()
     ]
     denormal.append(["kept / flushed", f"{ratios['updates, denormals kept / flushed']:.2f}", ""])
     memory = [[name, f"{value:,}"] for name, value in result["peak_memory_mib"].items()]
     return [
-        LOOP_TEXT.format(steps=len(sizes), sizes=size_text, **settings),
+        LOOP_TEXT.format(sizes=size_text, **settings),
         _table(["", "seconds", "least … greatest"], loop),
         SPENT_TEXT,
-        _table(["part", "ms", "share"], spent),
+        _table(["minibatches", "part", "ms", "share"], spent),
         DENORMAL_TEXT.format(**settings),
         _table(["", "ms per episode", "least … greatest"], denormal),
         MEMORY_TEXT.format(**settings),
@@ -182,6 +233,7 @@ def render() -> str:
     """The whole page."""
     parts = [
         INTRODUCTION,
+        *_before(read("before")),
         *_simulator(read("simulator")),
         *_training(read("training")),
         *_evaluation(read("evaluation")),
