@@ -290,8 +290,8 @@ class TestWorlds:
         samples = []
         batches_of = CentralizedRolloutBuffer.get
 
-        def count(buffer, batch_size):
-            for batch in batches_of(buffer, batch_size):
+        def count(buffer, batch_size, unit):
+            for batch in batches_of(buffer, batch_size, unit):
                 samples[-1] += len(batch.actions)
                 yield batch
 

@@ -147,6 +147,7 @@ def mappo() -> MAPPO:
         Recorded(),
         n_steps=STEPS,
         batch_size=STEPS * WORLDS,
+        minibatch="slots",
         n_epochs=SETTINGS["epochs"],
         gae_lambda=SETTINGS["gae_lambda"],
         clip_range=SETTINGS["clip_range"],
