@@ -3,6 +3,8 @@
 import hashlib
 from collections.abc import Sequence
 from pathlib import Path
+from statistics import fmean
+from typing import Any
 
 from orchid_uav.experiments.configuration import flatten
 from orchid_uav.experiments.evaluation.methods import COMMANDS, RELEASED
@@ -79,29 +81,53 @@ def tuning_block() -> str:
     """Both searches."""
     log = read("tuning")
     settings = log["settings"]
-    zero = log["zero_action"]
-    lines = [
-        f"{settings['trials']} trials each of {settings['episodes']} episodes on seed "
-        f"{settings['seed']}; the score is the mean utility at τ = 1 of the deterministic policy "
-        f"on\n{settings['topologies']} topologies. Doing nothing there scores "
-        f"{zero['utility']:.3f}. {recorded(log)}, `{log['command']}`.",
+    zero = log["zero_action"]["utility"]
+    points = [
+        settings["episodes"] * (index + 1) // settings["judged"]
+        for index in range(settings["judged"])
     ]
-    for algorithm, trials in log["trials"].items():
-        names = list(settings["spaces"][algorithm])
-        header = [name.partition(".")[2] for name in names]
-        best = max(trial["utility"] for trial in trials)
+    lines = [
+        f"{settings['trials']} trials of each algorithm with {settings['seeds']} seeds and "
+        f"{settings['episodes']} episodes a run. The score is the utility at τ = 1 of the\n"
+        f"deterministic policy on {settings['topologies']} topologies, half its mean over the "
+        f"episodes {', '.join(map(str, points))}, half\nthe last of them; means over seeds. Doing "
+        f"nothing scores {zero:.3f}. {recorded(log)}, `{log['command']}`.",
+    ]
+    for algorithm, trials in settings["values"].items():
+        names = list(dict.fromkeys(name for values in trials for name in values))
+        runs_of = [
+            [run for run in log["runs"] if (run["algorithm"], run["trial"]) == (algorithm, number)]
+            for number in range(len(trials))
+        ]
+        scores = [fmean(run["score"] for run in runs) for runs in runs_of]
         rows = []
-        for trial in trials:
-            values = trial["values"]
-            texts = [f"{values[name]:g}" if name in values else "default" for name in names]
-            score = f"{trial['utility']:.3f}"
-            score = f"**{score}**" if trial["utility"] == best else score
-            efficiency = trial["energy_efficiency_bit_per_joule"] / 1e6
-            shown = [f"{efficiency:.3f}", f"{trial['rate_jfi']:.3f}", f"{trial['load_jfi']:.3f}"]
-            rows.append([algorithm.upper(), *texts, score, *shown])
-        columns = ["", *header, "utility", "EE, Mbit/J", "rate JFI", "load JFI"]
-        lines += ["", table(columns, rows)]
+        for values, runs, score in zip(trials, runs_of, scores, strict=True):
+            texts = [_setting(values[name]) if name in values else "–" for name in names]
+            curve = [
+                fmean(run["judged"][index]["utility"] for run in runs)
+                for index in range(len(points))
+            ]
+            least = min(run["judged"][-1]["utility"] for run in runs)
+            violations = fmean(run["judged"][-1]["boundary_violations"] for run in runs)
+            best = score == max(scores)
+            rows.append(
+                [
+                    algorithm.upper(),
+                    *texts,
+                    f"**{score:.3f}**" if best else f"{score:.3f}",
+                    " ".join(f"{utility:.3f}" for utility in curve),
+                    f"{least:.3f}",
+                    f"{violations:.1f}",
+                ]
+            )
+        heads = [name.partition(".")[2] for name in names]
+        rest = ["score", f"after {', '.join(map(str, points))}", "worst seed", "violations"]
+        lines += ["", table(["", *heads, *rest], rows)]
     return "\n".join(lines)
+
+
+def _setting(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def planner_block() -> str:
