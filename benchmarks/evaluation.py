@@ -25,7 +25,7 @@ from orchid_uav.agents.controllers.controller import Controller
 from orchid_uav.envs import evaluation_seeds, make_supersuit_vec_env, parallel_env
 from orchid_uav.envs.diagnostics import Diagnostics
 from orchid_uav.envs.parameters import Parameters
-from orchid_uav.experiments.evaluation import flights
+from orchid_uav.experiments.evaluation import flights as flying
 from orchid_uav.experiments.evaluation.flights import Plan, Setting, evaluate
 from orchid_uav.experiments.evaluation.methods import select
 from studies.recording import record
@@ -103,7 +103,7 @@ def main() -> None:
     """Measure, print and write."""
     options = arguments(__doc__.splitlines()[0], repetitions=3)
     torch.set_num_threads(1)
-    with threadpool_limits(1), mock.patch.object(flights, "usable_cores", lambda: 1):
+    with threadpool_limits(1), mock.patch.object(flying, "usable_cores", lambda: 1):
         results = alternate(
             {
                 "study, batched": lambda _: batched_s(STUDY),
