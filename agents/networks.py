@@ -22,7 +22,7 @@ HIDDEN_SIZES = (256, 256, 256)
 ADAM = {"eps": 1e-5, "fused": True}
 """Arguments of Adam for both networks (M31)."""
 LAST_ACTOR_GAIN, LAST_CRITIC_GAIN = 0.01, 1.0
-_ROWS_WORTH_PACKING = 96
+_ROWS_WORTH_PACKING = 128
 """Rows from which oneDNN's own layout of tensors repays the copies into it and back."""
 
 
@@ -56,9 +56,9 @@ class Perceptron(nn.Sequential):
     """
 
     def forward(self, rows: torch.Tensor) -> torch.Tensor:
-        """Outputs (rows, outputs) of inputs (rows, inputs)."""
+        """Outputs (..., outputs) of inputs (..., inputs)."""
         is_packed = (
-            len(rows) >= _ROWS_WORTH_PACKING
+            rows.shape[:-1].numel() >= _ROWS_WORTH_PACKING
             and rows.is_cpu
             and rows.dtype == torch.float32
             and onednn_is_faster()

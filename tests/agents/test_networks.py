@@ -11,7 +11,7 @@ SIZES = [(16, (256, 256, 256), 4), (5, (), 2), (197, (7,), 1)]
 
 
 @pytest.mark.parametrize("sizes", SIZES)
-@pytest.mark.parametrize("rows", [1, 6, 200])
+@pytest.mark.parametrize("rows", [(1,), (6,), (200,), (60, 4)])
 @pytest.mark.parametrize("faster", [False, True])
 def test_a_perceptron_is_its_layers_one_after_the_other(monkeypatch, sizes, rows, faster):
     if faster and not torch.backends.mkldnn.is_available():
@@ -20,8 +20,8 @@ def test_a_perceptron_is_its_layers_one_after_the_other(monkeypatch, sizes, rows
     torch.manual_seed(0)
     network = perceptron(*sizes)
     plain = nn.Sequential(*(nn.ReLU() if isinstance(one, nn.ReLU) else one for one in network))
-    inputs = torch.randn(rows, sizes[0], requires_grad=True)
-    weights = torch.randn(rows, sizes[2])
+    inputs = torch.randn(*rows, sizes[0], requires_grad=True)
+    weights = torch.randn(*rows, sizes[2])
     found = []
     for function in (plain, network):
         outputs = function(inputs)
