@@ -1,10 +1,11 @@
 """The same tuning effort for both algorithms: ``python -m studies.tuning --jobs 2``.
 
 Two trials are known beforehand, the paper's numbers and what a trial outside this study had found;
-the others are drawn at random from what a practitioner would tune. Both algorithms get the same
-numbers of trials, seeds, episodes and topologies, and seeds and topologies are used for nothing
-else. A run is stopped several times on its way, where its deterministic policy is flown. So a
-recipe is judged along the curve as well as at the end: one that rises and then collapses loses.
+others are drawn at random from what a practitioner would tune, and one follows from those. Both
+algorithms get the same numbers of trials, seeds, episodes and topologies, and seeds and topologies
+are used for nothing else. A run is stopped several times on its way, where its deterministic policy
+is flown. So a recipe is judged along the curve as well as at the end: one that rises and then
+collapses loses.
 
 Results are written after every run, and the same command continues there.
 """
@@ -14,6 +15,7 @@ import random
 import tempfile
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from itertools import product
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -24,6 +26,7 @@ from orchid_uav.envs import Parameters
 from orchid_uav.experiments.configuration import Layer, RunConfig, merge
 from orchid_uav.experiments.evaluation.flights import Plan, Setting, evaluate
 from orchid_uav.experiments.evaluation.methods import Contender, select
+from orchid_uav.experiments.provenance import git_commit
 from orchid_uav.experiments.runs.directory import RunDirectory
 from orchid_uav.experiments.training.listeners import Reporter
 from orchid_uav.experiments.training.loop import train
@@ -77,17 +80,21 @@ KNOWN: dict[str, dict[str, Any]] = {
     },
 }
 """What was known to work when the search was set up, one recipe for each."""
+LATER: dict[str, list[dict[str, Any]]] = {
+    algorithm: [{**values, "training.center_rewards": True}] for algorithm, values in KNOWN.items()
+}
+"""What the trials before suggested: the known recipes with centred rewards."""
 
 Run = dict[str, Any]
 """Algorithm, trial and seed of a run, and what it gave."""
 
 
 def trials(algorithm: str, count: int) -> list[dict[str, Any]]:
-    """The paper's numbers, the known recipe, then random draws."""
+    """The paper's numbers, the known recipe and random draws, ``count`` in all; then the later."""
     generator = random.Random(f"{FIRST_SEED} {algorithm}")
     space = SPACES[algorithm]
     drawn = [{key: generator.choice(values) for key, values in space.items()} for _ in range(count)]
-    return [{}, KNOWN[algorithm], *drawn][:count]
+    return [{}, KNOWN[algorithm], *drawn][:count] + LATER[algorithm]
 
 
 def configure(algorithm: str, values: Mapping[str, Any], seed: int, episodes: int) -> RunConfig:
@@ -139,22 +146,29 @@ def run(algorithm: str, trial: int, values: Mapping[str, Any], seed: int, episod
 
 
 def missing(
-    runs: list[Run], trial_count: int, seed_count: int
+    runs: list[Run], values: Mapping[str, list[dict[str, Any]]], seed_count: int
 ) -> Iterator[tuple[str, int, Mapping[str, Any], int]]:
     """Arguments of the runs that are not there, one trial of both algorithms after the other."""
     known = {(one["algorithm"], one["trial"], one["seed"]) for one in runs}
-    for number in range(trial_count):
-        for algorithm in SPACES:
-            for seed in range(FIRST_SEED, FIRST_SEED + seed_count):
-                if (algorithm, number, seed) not in known:
-                    yield algorithm, number, trials(algorithm, trial_count)[number], seed
+    for number in range(len(next(iter(values.values())))):
+        for algorithm, seed in product(values, range(FIRST_SEED, FIRST_SEED + seed_count)):
+            if (algorithm, number, seed) not in known:
+                yield algorithm, number, values[algorithm][number], seed
+
+
+def goes_on_with(before: dict[str, Any], settings: dict[str, Any]) -> bool:
+    """Whether a search with these settings begins with the trials of the one before."""
+    return {**before, "values": None} == {**settings, "values": None} and all(
+        settings["values"][algorithm][: len(tried)] == tried
+        for algorithm, tried in before["values"].items()
+    )
 
 
 def main() -> None:
     """Search, and write the log after every run."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--json", type=Path, default=RESULTS / f"{NAME}.json", metavar="FILE")
-    parser.add_argument("--trials", type=int, default=8)
+    parser.add_argument("--trials", type=int, default=7, help="without the later ones")
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--episodes", type=int, default=200)
     parser.add_argument("--jobs", type=int, default=1)
@@ -173,17 +187,17 @@ def main() -> None:
     runs: list[Run] = []
     if options.json.exists():
         before = read_document(options.json)
-        if before["settings"] != settings:
+        if not goes_on_with(before["settings"], settings):
             parser.error(f"{options.json} holds another search: move it away")
         runs = before["runs"]
     zero_action = flown(select(["static-mmf"])[0])
     with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool:
         waiting = [
             pool.submit(run, *arguments, options.episodes)
-            for arguments in missing(runs, options.trials, options.seeds)
+            for arguments in missing(runs, settings["values"], options.seeds)
         ]
         for finished in as_completed(waiting):
-            runs.append(finished.result())
+            runs.append({**finished.result(), "git_commit": git_commit()})
             print(
                 {key: runs[-1][key] for key in ("algorithm", "trial", "seed", "score")}, flush=True
             )

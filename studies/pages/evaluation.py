@@ -87,7 +87,8 @@ def tuning_block() -> str:
         for index in range(settings["judged"])
     ]
     lines = [
-        f"{settings['trials']} trials of each algorithm with {settings['seeds']} seeds and "
+        f"{len(settings['values']['mappo'])} trials of each algorithm with {settings['seeds']} "
+        f"seeds and "
         f"{settings['episodes']} episodes a run. The score is the utility at τ = 1 of the\n"
         f"deterministic policy on {settings['topologies']} topologies, half its mean over the "
         f"episodes {', '.join(map(str, points))}, half\nthe last of them; means over seeds. Doing "
