@@ -78,7 +78,7 @@ class MAPPO(CentralizedTraining, PPO):
         critic_learning_rate: float | Schedule = 1e-3,
         n_steps: int = 200,
         batch_size: int = 128,
-        minibatch: MiniBatchUnit = "slots",
+        minibatch: MiniBatchUnit = "rows",
         n_epochs: int = 4,
         ent_coef: float = 0.01,
         center_rewards: bool = False,
