@@ -51,6 +51,9 @@ told to keep freed memory, as it does by itself in a process that has once freed
 `fresh process` shows NumPy without that. `20 x 1,000` are UAVs and users of larger networks.
 `step` is `WorldBatch.step` on {worlds_on_threads} worlds, as an evaluation calls it, over one
 thread and two. `SB3 interface` is `make_vec_env(…).step`, as the learner calls it.
+"""
+
+MOBILE_ENV_TEXT = """\
 `mobile-env` is PyPI's mobile-env {mobile_env} with {mobile_env_stations} stations and {users}
 walking users: no flight, no propulsion, no fairness, no batch.
 """
@@ -143,6 +146,11 @@ def _simulator(result: Mapping[str, Any]) -> list[str]:
     )
     return [
         SIMULATOR_TEXT.format(**result["settings"]),
+        *(
+            [MOBILE_ENV_TEXT.format(**result["settings"])]
+            if result["settings"]["mobile_env"]
+            else []
+        ),
         _table(["case", "world-steps/s", "least … greatest"], speeds),
         f"Nanoseconds per link (UAV and user) of the compiled step: {links}.\n",
         RATIO_TEXT,
