@@ -52,7 +52,7 @@ class PpoParameters(Section):
     """Clip ratio epsilon_clip."""
     batch_size: Annotated[int, within(2, 10_000_000)] = 128
     """Rows or slots per gradient step, as `ppo.minibatch` says."""
-    minibatch: Literal["rows", "slots"] = "rows"
+    minibatch: Literal["rows", "slots"] = "slots"
     """What a batch counts: `rows`, a step of one UAV each, or `slots`, a step of all UAVs (M34)."""
     epochs: Annotated[int, within(1, 10_000)] = 4
     """Passes over each rollout."""

@@ -65,7 +65,7 @@ class MAPPO(CentralizedTraining, PPO):
 
     policy: CentralizedCriticPolicy
     rollout_buffer: CentralizedRolloutBuffer
-    minibatch: MiniBatchUnit = "rows"  # of models that were saved before there was a choice too
+    minibatch: MiniBatchUnit = "rows"  # of models that were saved before there was a choice
     policy_aliases: ClassVar[dict[str, type[BasePolicy]]] = {
         "CentralizedCriticPolicy": CentralizedCriticPolicy
     }
@@ -78,7 +78,7 @@ class MAPPO(CentralizedTraining, PPO):
         critic_learning_rate: float | Schedule = 1e-3,
         n_steps: int = 200,
         batch_size: int = 128,
-        minibatch: MiniBatchUnit = "rows",
+        minibatch: MiniBatchUnit = "slots",
         n_epochs: int = 4,
         ent_coef: float = 0.01,
         center_rewards: bool = False,

@@ -48,6 +48,8 @@ from tests.helpers.processes import (
 pytestmark = pytest.mark.usefixtures("torch_as_before")
 
 TRAIN = ["train", *TINY_FLAGS, "--no-rf", "--quiet"]
+LATE = ["--set=ppo.actor_learning_rate=5", "--set=ppo.minibatch=rows"]
+"""Diverges after some updates of several steps each."""
 MADDPG = ["--algorithm=maddpg", "--set=maddpg.hidden_sizes=[16,16]", "--set=maddpg.batch_size=32"]
 EVERY_SECOND = "--set=checkpoint.every_episodes=2"
 EIGHT = ("--episodes=8", EVERY_SECOND)
@@ -545,9 +547,8 @@ class TestNoNumbers:
         [
             (["--set=ppo.actor_learning_rate=1e30"], 1),
             (["--set=ppo.critic_learning_rate=1e30"], 1000),
-            # So slowly that there are checkpoints before.
-            (["--set=ppo.actor_learning_rate=5"], 1),
-            (["--set=ppo.actor_learning_rate=5"], 1000),
+            (LATE, 1),
+            (LATE, 1000),
             # The loss is finite, the weights after it are not.
             (["--set=ppo.actor_learning_rate=1e39", "--set=ppo.epochs=1"], 1),
             (["--set=ppo.actor_learning_rate=1e39", "--set=ppo.epochs=1"], 1000),
@@ -619,7 +620,7 @@ class TestNoNumbers:
     @pytest.mark.parametrize(
         "flags",
         [
-            ["--set=ppo.actor_learning_rate=5"],
+            LATE,
             [*MADDPG, "--set=maddpg.critic_learning_rate=1e30"],
         ],
     )
