@@ -21,8 +21,9 @@ from studies.recording import ONE_THREAD, RESULTS, add_allow_changes, require_co
 
 PLANNER_BUDGETS = (31, 100, 300, 1000, 3000, 10000)
 PAPER_AND_BOUNDS = (
-    "orchid,orchid-zero,orchid-no-rf,orchid-no-rf-zero,maddpg-pf,maddpg-pf-zero,maddpg-mmf,"
-    "maddpg-mmf-zero,static-pf,static-mmf,loiter-mmf,balanced-loiter,planner"
+    "orchid,orchid-zero,orchid-no-rf,orchid-no-rf-zero,orchid-tuned,orchid-tuned-zero,"
+    "maddpg-pf,maddpg-pf-zero,maddpg-mmf,maddpg-mmf-zero,static-pf,static-mmf,loiter-mmf,"
+    "balanced-loiter,planner"
 )
 
 STUDIES: dict[str, tuple[str, ...]] = {

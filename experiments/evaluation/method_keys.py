@@ -10,8 +10,11 @@ RELEASED = {
     "orchid-no-rf": "MAPPO without Reset-and-Finetune",
     "orchid-pf": "proportional fairness in reward and shares, repeated resets",
     "orchid-random-init": "trained and flown from random starts",
-    "maddpg-pf": "Baseline 1: MADDPG, proportional fairness",
-    "maddpg-mmf": "Baseline 2: MADDPG, max-min fairness",
+    "orchid-tuned": "orchid with the best recipe of its search",
+    "maddpg-pf": "Baseline 1: MADDPG, proportional fairness, best recipe of its search",
+    "maddpg-mmf": "Baseline 2: MADDPG, max-min fairness, best recipe of its search",
+    "maddpg-pf-paper": "maddpg-pf with the paper's numbers",
+    "maddpg-mmf-paper": "maddpg-mmf with the paper's numbers",
 }
 """The policies that come with the package, in ``orchid_uav.reference``."""
 

@@ -94,18 +94,27 @@ class Contender:
         return replace(self, overrides={**self.overrides, **values})
 
 
+_TUNED_MAPPO = (
+    *("--set", "ppo.actor_learning_rate=1e-5", "--set", "ppo.critic_learning_rate=1e-3"),
+    *("--set", "ppo.discount=0.9", "--set", "ppo.log_std_init=-1"),
+    *("--set", "training.center_rewards=true"),
+)
 _TUNED_MADDPG = (
     *("--set", "maddpg.actor_learning_rate=1e-5", "--set", "maddpg.critic_learning_rate=3e-3"),
-    *("--set", "maddpg.discount=0.97", "--set", "maddpg.preactivation_penalty=0.1"),
+    *("--set", "maddpg.discount=0.9", "--set", "maddpg.preactivation_penalty=1"),
+    *("--set", "training.center_rewards=true"),
 )
-"""Best trial of studies/results/tuning.json; see docs/methods.md."""
+"""The best trial of studies/results/tuning.json for each algorithm; see docs/methods.md."""
 COMMANDS: dict[str, tuple[str, ...]] = {
     "orchid": (),
     "orchid-no-rf": ("--no-rf",),
     "orchid-pf": ("--objective", "pf", "--episodes", "1000", "--set", "reset.max_resets=3"),
     "orchid-random-init": ("--init", "random"),
+    "orchid-tuned": _TUNED_MAPPO,
     "maddpg-pf": ("--algorithm", "maddpg", "--objective", "pf", *_TUNED_MADDPG),
     "maddpg-mmf": ("--algorithm", "maddpg", *_TUNED_MADDPG),
+    "maddpg-pf-paper": ("--algorithm", "maddpg", "--objective", "pf"),
+    "maddpg-mmf-paper": ("--algorithm", "maddpg"),
 }
 """Arguments of ``orchid train`` with which each released policy was trained."""
 

@@ -29,7 +29,8 @@ from studies.recording import RESULTS, read, read_evaluation
 REFERENCE = ROOT / "runs" / "reference"
 UAV_METRICS = ("energy_efficiency_bit_per_joule", "rate_jfi", "load_jfi", "worst_rate_bps")
 README_METHODS = (
-    *("orchid", "orchid-zero", "orchid-no-rf", "maddpg-mmf", "maddpg-mmf-zero", "static-mmf"),
+    *("orchid", "orchid-zero", "orchid-no-rf", "orchid-tuned", "orchid-tuned-zero"),
+    *("maddpg-mmf", "maddpg-mmf-zero", "maddpg-mmf-paper", "static-mmf"),
     *("loiter-mmf", "balanced-loiter", "planner"),
 )
 README_METRICS = (

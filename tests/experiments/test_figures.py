@@ -354,13 +354,14 @@ class TestFamilies:
 
     def test_many_methods_get_a_row_a_family_with_one_of_the_other(self, figure):
         assert [block.get_suptitle() for block in figure.subfigs] == [
-            "Learned policies and their zero-action twins (1 of 2)",
-            "Learned policies and their zero-action twins (2 of 2)",
+            "Learned policies and their zero-action twins (1 of 3)",
+            "Learned policies and their zero-action twins (2 of 3)",
+            "Learned policies and their zero-action twins (3 of 3)",
             "Rules and planners (1 of 2)",
             "Rules and planners (2 of 2)",
         ]
         shown = legends(figure)
-        learned, rules = shown[:2], shown[2:]
+        learned, rules = shown[:3], shown[3:]
         policies = {*RELEASED, RUN}
         twins = {f"{policy}-zero" for policy in policies}
         assert {label for part in learned for label in part} == policies | twins | {"static-pf"}
