@@ -45,6 +45,8 @@ class PolicyDescription(Document):
     algorithm: str | None = None
     objective: str | None = None
     observation: str | None = None
+    flight: str | None = None
+    """What its actions move; None before there was a choice, which is direct flight."""
     episodes: int | None = None
     sha256: str
     """Checksum of the file of weights."""

@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from orchid_uav.envs.channel import air_to_ground_path_loss_db, best_case_gain_m2
+from orchid_uav.envs.kinematics import chord
 from orchid_uav.envs.metrics import SLOT_METRICS
 from orchid_uav.envs.parameters import Parameters
-from orchid_uav.envs.propulsion import propulsion_power_w
+from orchid_uav.envs.propulsion import circling_speed_mps, propulsion_power_w
 from orchid_uav.envs.reward import best_rate_bps, energy_efficiency_scale
 from orchid_uav.envs.sharing import SHARE_RULES
 from orchid_uav.envs.units import dbm_to_watt
@@ -45,8 +46,28 @@ class Constants(NamedTuple):
     max_displacement_m: float
     displacement_scale_m: tuple[float, float, float]
     min_separation_m: float
+    flies_stations: bool
+    station_speed_limit_mps: float
+    station_smoothing: float
+    centre_spacing_m: float
+    circle_radius_m: float
+    circle_chord: tuple[float, float, float]
+    """Length in m of a step along the circle, cosine and sine of its angle."""
+    station_altitude_m: float
+    """0 where an action decides."""
+    station_power_w: float
+    """0 where an action decides."""
+    outages: NDArray[np.int64]
+    """UAV, first slot and end of each failure, (failures, 3)."""
+    delay_slots: int
+    """Age of what UAVs know of the users' positions."""
+    flight_error_std_m: float
+    """Of what UAVs know of the users' positions."""
+    senses_truth: bool
+    """Whether UAVs know the users' present positions as they are."""
     min_transmit_power_w: float
     max_transmit_power_w: float
+    start_power_w: float
     power_step_w: float
     rotor: tuple[float, ...]
     """Arguments of ``propulsion_power_w`` after the speed, in its order."""
@@ -83,7 +104,7 @@ class Constants(NamedTuple):
     def of(cls, parameters: Parameters) -> "Constants":
         """The constants of one set of parameters."""
         network, uav, rotor = parameters.network, parameters.uav, parameters.rotor
-        channel, reward = parameters.channel, parameters.reward
+        channel, reward, sensing = parameters.channel, parameters.reward, parameters.sensing
         return cls(
             area_m=network.area_m,
             slot_s=network.slot_s,
@@ -94,8 +115,23 @@ class Constants(NamedTuple):
             max_displacement_m=uav.max_speed_mps * network.slot_s,
             displacement_scale_m=uav.displacement_scale_m,
             min_separation_m=uav.min_separation_m,
+            flies_stations=uav.flight == "station",
+            station_speed_limit_mps=uav.station.speed_limit_mps,
+            station_smoothing=uav.station.smoothing,
+            centre_spacing_m=uav.station.centre_spacing_m,
+            circle_radius_m=parameters.circle_radius_m,
+            circle_chord=chord(
+                parameters.circle_radius_m, circling_speed_mps(parameters) * network.slot_s
+            ),
+            station_altitude_m=uav.station.altitude_m or 0.0,
+            station_power_w=uav.station.transmit_power_w or 0.0,
+            outages=np.array(network.outages, np.int64).reshape(-1, 3),
+            delay_slots=parameters.delay_slots,
+            flight_error_std_m=sensing.flight_error_std_m,
+            senses_truth=parameters.delay_slots == 0 and sensing.flight_error_std_m == 0.0,
             min_transmit_power_w=uav.min_transmit_power_w,
             max_transmit_power_w=uav.max_transmit_power_w,
+            start_power_w=uav.start_power_w,
             power_step_w=uav.power_step_w,
             rotor=_in_order_of(propulsion_power_w, rotor.power_curve()),
             climbing_mass_kg=rotor.mass_kg if rotor.climb_power else 0.0,
@@ -147,8 +183,24 @@ class Worlds(NamedTuple):
     vectorise. :attr:`WorldBatch.users_m` is a view of them as (B, M, 2)."""
     user_velocities_mps: Floats
     """(B, 2, M)."""
+    known_coordinates_m: Floats
+    """The users' positions as UAVs know them in flight, (B, 2, M) (M39); where they know the truth,
+    the same array as ``user_coordinates_m``."""
+    known_velocities_mps: Floats
+    """The users' velocities at the time of the known positions, (B, 2, M)."""
+    sensing_error_m: Floats
+    """Error on the known positions, (B, 2, M); without users where the truth is known."""
+    past_users: Floats
+    """Positions and velocities in the slots up to now, slot t at t modulo the ring's length,
+    (B, delay + 1, 4, M); without users where the truth is known."""
     target_users: NDArray[np.bool_]
     """True for G_UAV, (B, M); fixed at reset (M11)."""
+    in_service: NDArray[np.bool_]
+    """False for UAVs that have failed, or not joined yet, (B, N) (M42)."""
+    stations_m: Floats
+    """Centres of the circles (M38), (B, N, 2); in direct flight where the UAVs are."""
+    station_velocities_mps: Floats
+    """Realised, (B, N, 2)."""
     positions_m: Floats
     """UAV positions, (B, N, 3)."""
     velocities_mps: Floats
@@ -191,14 +243,23 @@ class Worlds(NamedTuple):
         return Worlds(*(array[worlds] for array in self))  # type: ignore[arg-type]
 
     @classmethod
-    def zeros(cls, worlds: int, uavs: int, users: int) -> "Worlds":
-        """Arrays of the right shapes and types, all zero."""
+    def zeros(cls, constants: Constants, worlds: int, uavs: int, users: int) -> "Worlds":
+        """Arrays of the right shapes and types, all zero, with all UAVs in service."""
         fleet, crowd = (worlds, uavs), (worlds, users)
+        coordinates_m, velocities_mps = np.zeros((2, worlds, 2, users))
+        remembered = 0 if constants.senses_truth else users
         return cls(
             slot=np.zeros(worlds, np.int64),
             walk_key=np.zeros(worlds, np.uint64),
-            user_coordinates_m=np.zeros((worlds, 2, users)),
-            user_velocities_mps=np.zeros((worlds, 2, users)),
+            user_coordinates_m=coordinates_m,
+            user_velocities_mps=velocities_mps,
+            known_coordinates_m=coordinates_m if not remembered else coordinates_m.copy(),
+            known_velocities_mps=velocities_mps if not remembered else velocities_mps.copy(),
+            sensing_error_m=np.zeros((worlds, 2, remembered)),
+            past_users=np.zeros((worlds, constants.delay_slots + 1, 4, remembered)),
+            in_service=np.ones(fleet, np.bool_),
+            stations_m=np.zeros((*fleet, 2)),
+            station_velocities_mps=np.zeros((*fleet, 2)),
             target_users=np.zeros(crowd, np.bool_),
             positions_m=np.zeros((*fleet, 3)),
             velocities_mps=np.zeros((*fleet, 3)),

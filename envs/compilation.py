@@ -32,7 +32,8 @@ from orchid_uav.notices import note_once, warn_once
 
 def _digest_of_sources() -> str:
     digest = hashlib.sha256()
-    for path in sorted(Path(__file__).parent.glob("*.py")):
+    folder = Path(__file__).parent
+    for path in sorted([*folder.glob("*.py"), *folder.glob("knowledge/*.py")]):
         digest.update(path.read_bytes())
     return digest.hexdigest()
 

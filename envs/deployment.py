@@ -27,6 +27,8 @@ class Deployment(NamedTuple):
     """All N + 1 centroids, (N + 1, 2)."""
     labels: NDArray[np.int32]
     """Cluster of every user, (M,)."""
+    users_m: NDArray[np.float64]
+    """Users' positions that it was made from, (M, 2)."""
 
     @property
     def spare_uavs(self) -> int:
@@ -68,9 +70,8 @@ def gbs_aware_kmeans(
     if users_of[gbs_cluster] < len(positions):
         users_of[gbs_cluster] = 0
     _settle(centroids, is_spare, users_of)
-    return Deployment(
-        np.delete(centroids, gbs_cluster, axis=0), labels != gbs_cluster, centroids, labels
-    )
+    starts_m = np.delete(centroids, gbs_cluster, axis=0)
+    return Deployment(starts_m, labels != gbs_cluster, centroids, labels, positions)
 
 
 def kmeans_centroids(
@@ -161,6 +162,8 @@ def deploy(
     users_m: NDArray[np.float64], parameters: Parameters, generator: np.random.Generator
 ) -> Deployment:
     """Phase I as configured, with the sensing error of M29 and the random start of M28.
+
+    The choice of M41 comes after it: :func:`orchid_uav.envs.starts.balanced.balanced_start_m`.
 
     Takes one number from ``generator`` whatever is configured, so that the draws that follow, and
     with them the rest of the topology, are the same for every kind of start.

@@ -25,6 +25,7 @@ from orchid_uav.envs.kinematics import (
     next_transmit_power_w,
     relative,
 )
+from orchid_uav.envs.knowledge.in_flight import fail_and_join, sense_users
 from orchid_uav.envs.metrics import (
     BACKHAUL_VIOLATIONS,
     BOUNDARY_VIOLATIONS,
@@ -49,7 +50,8 @@ from orchid_uav.envs.reward import (
     penalty,
 )
 from orchid_uav.envs.sharing import bandwidth_share, user_rate_bps
-from orchid_uav.envs.units import linear_to_decibel
+from orchid_uav.envs.stations import autopilot_displacement_m, move_stations, settle_stations
+from orchid_uav.envs.units import SMALLEST_NORMAL, linear_to_decibel
 from orchid_uav.envs.users import counter_uniform, reflect_into, reflection_sign
 
 
@@ -79,7 +81,11 @@ def step_worlds(
             _move_users(constants, worlds, world)
             _count_users(constants, worlds, world)
         worlds.slot[world] += 1
+        if len(constants.outages) > 0:
+            fail_and_join(constants, worlds, world)
         _serve(constants, worlds, world, scratch, own_path_loss_db)
+        if not constants.senses_truth:
+            sense_users(constants, worlds, world)
         _watch_constraints(constants, worlds, world)
         _score(constants, worlds, world, progress)
         _observe(constants, worlds, world)
@@ -108,8 +114,15 @@ def begin_episodes(
         worlds.user_velocities_mps[world] = 0.0
         worlds.velocities_mps[world] = 0.0
         worlds.left_flight_box[world] = False
+        worlds.stations_m[world] = worlds.positions_m[world, :, :2]
+        worlds.station_velocities_mps[world] = 0.0
+        worlds.in_service[world] = True
+        if len(constants.outages) > 0:
+            fail_and_join(constants, worlds, world)
         _count_users(constants, worlds, world)
         _serve(constants, worlds, world, scratch, own_path_loss_db)
+        if not constants.senses_truth:
+            sense_users(constants, worlds, world)
         _watch_constraints(constants, worlds, world)
         worlds.violation_slots[world] = 0
         _score(constants, worlds, world, 0.0)
@@ -119,17 +132,22 @@ def begin_episodes(
 
 @njit(error_model="numpy", forceinline=True)
 def _move_uavs(constants: Constants, worlds: Worlds, world: int, actions: Floats) -> None:
-    """Kinematics and power control, Sections III-B and IV-C2; decisions M5, M25."""
+    """Kinematics and power control, Sections III-B and IV-C2; decisions M5, M25, M38, M42."""
     area_m, slot_s = constants.area_m, constants.slot_s
     low_m, high_m = constants.min_altitude_m, constants.max_altitude_m
-    scale_x_m, scale_y_m, scale_z_m = constants.displacement_scale_m
+    if constants.flies_stations:
+        move_stations(constants, worlds, world, actions)
     for uav in range(len(actions)):
-        dx = clipped(actions[uav, 0], -1.0, 1.0) * scale_x_m
-        dy = clipped(actions[uav, 1], -1.0, 1.0) * scale_y_m
-        dz = clipped(actions[uav, 2], -1.0, 1.0) * scale_z_m
-        length_m = np.sqrt(dx * dx + dy * dy + dz * dz)
-        factor = displacement_factor(length_m, constants.max_displacement_m)
-        dx, dy, dz = dx * factor, dy * factor, dz * factor
+        velocity = worlds.velocities_mps[world, uav]
+        if not worlds.in_service[world, uav]:
+            velocity[0], velocity[1], velocity[2] = 0.0, 0.0, 0.0
+            worlds.left_flight_box[world, uav] = False
+            continue
+        if constants.flies_stations:
+            climb = clipped(actions[uav, 2], -1.0, 1.0)
+            dx, dy, dz = autopilot_displacement_m(constants, worlds, world, uav, climb)
+        else:
+            dx, dy, dz = _displacement_m(constants, actions[uav])
         position = worlds.positions_m[world, uav]
         worlds.left_flight_box[world, uav] = (
             is_outside(position[0] + dx, 0.0, area_m)
@@ -139,18 +157,39 @@ def _move_uavs(constants: Constants, worlds: Worlds, world: int, actions: Floats
         x_m = next_coordinate_m(position[0], dx, 0.0, area_m)
         y_m = next_coordinate_m(position[1], dy, 0.0, area_m)
         z_m = next_coordinate_m(position[2], dz, low_m, high_m)
-        velocity = worlds.velocities_mps[world, uav]
         velocity[0] = (x_m - position[0]) / slot_s
         velocity[1] = (y_m - position[1]) / slot_s
         velocity[2] = (z_m - position[2]) / slot_s
         position[0], position[1], position[2] = x_m, y_m, z_m
+        power_w = worlds.transmit_powers_w[world, uav]
+        change = clipped(actions[uav, 3], -1.0, 1.0)
+        if constants.flies_stations and constants.station_power_w > 0.0:
+            missing_w = constants.station_power_w - power_w
+            change = clipped(missing_w / max(constants.power_step_w, SMALLEST_NORMAL), -1.0, 1.0)
         worlds.transmit_powers_w[world, uav] = next_transmit_power_w(
-            worlds.transmit_powers_w[world, uav],
+            power_w,
             constants.power_step_w,
-            clipped(actions[uav, 3], -1.0, 1.0),
+            change,
             constants.min_transmit_power_w,
             constants.max_transmit_power_w,
         )
+    if constants.flies_stations:
+        settle_stations(constants, worlds, world)
+    else:
+        worlds.stations_m[world] = worlds.positions_m[world, :, :2]
+        worlds.station_velocities_mps[world] = worlds.velocities_mps[world, :, :2]
+
+
+@njit(error_model="numpy", forceinline=True)
+def _displacement_m(constants: Constants, action: Floats) -> tuple[float, float, float]:
+    """Displacement that an action of direct flight wants, within V_max (M5)."""
+    scale_x_m, scale_y_m, scale_z_m = constants.displacement_scale_m
+    dx = clipped(action[0], -1.0, 1.0) * scale_x_m
+    dy = clipped(action[1], -1.0, 1.0) * scale_y_m
+    dz = clipped(action[2], -1.0, 1.0) * scale_z_m
+    length_m = np.sqrt(dx * dx + dy * dy + dz * dz)
+    factor = displacement_factor(length_m, constants.max_displacement_m)
+    return dx * factor, dy * factor, dz * factor
 
 
 @njit(error_model="numpy", forceinline=True)
@@ -260,7 +299,8 @@ def _watch_constraints(constants: Constants, worlds: Worlds, world: int) -> None
             dx = positions_m[uav, 0] - positions_m[other, 0]
             dy = positions_m[uav, 1] - positions_m[other, 1]
             dz = positions_m[uav, 2] - positions_m[other, 2]
-            if is_too_close(dx * dx + dy * dy + dz * dz, constants.min_separation_m):
+            both = worlds.in_service[world, uav] and worlds.in_service[world, other]
+            if both and is_too_close(dx * dx + dy * dy + dz * dz, constants.min_separation_m):
                 worlds.close_uavs[world, uav] += 1
                 worlds.close_uavs[world, other] += 1
     for uav in range(uavs):
@@ -276,7 +316,9 @@ def _watch_constraints(constants: Constants, worlds: Worlds, world: int) -> None
         )
         snr_db = linear_to_decibel(snr)
         worlds.backhaul_snr_db[world, uav] = snr_db
-        worlds.weak_backhaul[world, uav] = snr_db < constants.backhaul_required_snr_db
+        worlds.weak_backhaul[world, uav] = worlds.in_service[world, uav] and (
+            snr_db < constants.backhaul_required_snr_db
+        )
         violations = worlds.violation_slots[world, uav]
         violations[0] += worlds.close_uavs[world, uav] > 0
         violations[1] += worlds.left_flight_box[world, uav]
@@ -303,8 +345,11 @@ def _score(constants: Constants, worlds: Worlds, world: int, progress: float) ->
                     rate, constants.log_rate_floor_bps, constants.best_rate_bps
                 )
     load_squared, propulsion_w, transmit_w = 0.0, 0.0, 0.0
-    close, outside, weak = 0, 0, 0
+    close, outside, weak, in_service = 0, 0, 0, 0
     for uav in range(uavs):
+        if not worlds.in_service[world, uav]:
+            continue
+        in_service += 1
         close += worlds.close_uavs[world, uav]
         outside += worlds.left_flight_box[world, uav]
         weak += worlds.weak_backhaul[world, uav]
@@ -313,10 +358,11 @@ def _score(constants: Constants, worlds: Worlds, world: int, progress: float) ->
         transmit_w += worlds.transmit_powers_w[world, uav]
 
     coverage = coverage_ratio(served_count, target_count)
-    power_w = total_power_w(propulsion_w, transmit_w)
+    # With all UAVs failed there is neither rate nor power, and no efficiency.
+    power_w = total_power_w(propulsion_w, transmit_w) if in_service > 0 else 1.0
     efficiency = energy_efficiency(sum_rate, power_w, constants.power_epsilon_w)
     rate_jfi = jain_index_from_sums(sum_rate, sum_rate_squared, served_count)
-    load_jfi = jain_index_from_sums(float(served_count), load_squared, uavs)
+    load_jfi = jain_index_from_sums(float(served_count), load_squared, in_service)
     metrics = worlds.metrics[world]
     metrics[COVERAGE] = coverage
     metrics[ENERGY_EFFICIENCY] = efficiency
@@ -351,13 +397,8 @@ def _score(constants: Constants, worlds: Worlds, world: int, progress: float) ->
             constants.boundary_penalty,
             backhaul_penalty,
         )
-    reward = 0.0
-    for uav in range(uavs):
-        reward += worlds.rewards[world, uav]
-    sums = worlds.episode_sums[world]
-    sums[0] += reward / uavs
-    for metric in range(len(metrics)):
-        sums[1 + metric] += metrics[metric]
+    worlds.episode_sums[world, 0] += worlds.rewards[world].mean()
+    worlds.episode_sums[world, 1:] += metrics
 
 
 @njit(error_model="numpy", forceinline=True)
@@ -382,11 +423,12 @@ def _observe(constants: Constants, worlds: Worlds, world: int) -> None:
         seen[0] = x_m / area_m
         seen[1] = y_m / area_m
         seen[2] = altitude
-        seen[3] = relative(
+        power = relative(
             worlds.transmit_powers_w[world, uav],
             constants.min_transmit_power_w,
             constants.max_transmit_power_w,
         )
+        seen[3] = max(power, 0.0)  # one that has failed sends nothing
         seen[4] = worlds.nearest_user_m[world, uav] / area_m
         seen[5] = worlds.loads[world, uav] / users
         seen[6] = x_m / area_m

@@ -51,6 +51,14 @@ class Flag:
     """Whether a run can be given one value by this option."""
 
 
+@dataclass(frozen=True)
+class Form:
+    """How a text is written; among what a field is annotated with."""
+
+    text: str
+    """As an example or with the names of its parts."""
+
+
 def flag_of(field: FieldInfo) -> Flag | None:
     """The option that sets a field, if it has one."""
     return next((item for item in field.metadata if isinstance(item, Flag)), None)
@@ -108,7 +116,7 @@ def _values(annotation: Any, bounds: list[Any], quote: str) -> str:
     if get_origin(annotation) is tuple:
         count = str(len(arguments))
         if Ellipsis in arguments:
-            count = _range(bounds)
+            count = _range(bounds) or "any number"
         return f"{count} × {_values(arguments[0], [], quote)}"
     if annotation is bool:
         return f"{quote}true{quote}, {quote}false{quote}"
@@ -120,6 +128,9 @@ def _values(annotation: Any, bounds: list[Any], quote: str) -> str:
         for item in getattr(annotation, "__metadata__", ())
         for bound in (item.metadata if isinstance(item, FieldInfo) else [item])
     ]
+    for item in getattr(annotation, "__metadata__", ()):
+        if isinstance(item, Form):
+            return f"{quote}{item.text}{quote}"
     inner = [argument for argument in arguments if argument is not type(None)]
     if inner and not own:  # the one type of an optional value
         return _values(inner[0], bounds, quote)

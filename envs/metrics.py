@@ -35,7 +35,9 @@ U_total at training progress 1; the energy efficiency with a load factor in the 
 mean distance of UAVs to the nearest other one; user-UAV pairs that would both gain by deviating;
 the mean rate of the GBS's users; the served share of them, and of all users."""
 
-SUMMED_OVER_SLOTS = frozenset({REWARD, "collisions", "boundary_violations", "backhaul_violations"})
+COUNTS = frozenset({"collisions", "boundary_violations", "backhaul_violations"})
+"""Episode metrics that count slots."""
+SUMMED_OVER_SLOTS = COUNTS | {REWARD}
 """Episode metrics that are sums over slots; the others are means over slots."""
 
 (

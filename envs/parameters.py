@@ -7,19 +7,21 @@ its description here and in docs/configuration.md.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import (
     BaseModel,
     BeforeValidator,
     ConfigDict,
+    Field,
     ValidationError,
     ValidationInfo,
     field_validator,
     model_validator,
 )
+from pydantic.fields import FieldInfo
 
-from orchid_uav.envs.keys import Flag, unit_of, values_of, within
+from orchid_uav.envs.keys import Flag, Form, unit_of, values_of, within
 from orchid_uav.suggestions import unknown
 
 Distance = Annotated[float, within(0.0, 1e6)]
@@ -40,10 +42,13 @@ RequiredSnr = Annotated[float, within(-100.0, 200.0)]
 """In dB; far below, the spectral efficiency of a link that is served would round to 0."""
 Weight = Annotated[float, within(0.0, 1e6)]
 Pair = tuple[Weight, Weight]
+Failure = Annotated[str, Field(pattern=r"^\d{1,4}@\d{1,7}(-\d{1,7})?$"), Form("UAV@slot[-slot]")]
+"""Slots in which a UAV is not in service."""
 Distribution = Literal["tcp", "uniform"]
-Start = Literal["kmeans", "random"]
+Start = Literal["kmeans", "balanced", "random"]
 Objective = Literal["mmf", "pf"]
-Observation = Literal["paper"]
+Observation = Literal["paper", "informed"]
+Flight = Literal["direct", "station"]
 
 
 FORMER_KEYS = {"reward.shares": "network.shares"}
@@ -100,6 +105,63 @@ class Section(BaseModel):
         return value
 
 
+def fields_by_key(model: type[BaseModel]) -> dict[str, FieldInfo]:
+    """The fields of a model's sections, and of the sections in these, by ``"section.key"``."""
+    found: dict[str, FieldInfo] = {}
+    for name, field in model.model_fields.items():
+        if isinstance(field.default, Section):
+            inner = fields_by_key(type(field.default))
+            found |= {f"{name}.{key}": one for key, one in inner.items()}
+        else:
+            found[name] = field
+    return found
+
+
+def by_key(sections: Mapping[str, Any]) -> dict[str, Any]:
+    """Values by ``"section.key"`` of sections in each other."""
+    flat: dict[str, Any] = {}
+    for name, value in sections.items():
+        if isinstance(value, Mapping):
+            flat |= {f"{name}.{key}": inner for key, inner in by_key(value).items()}
+        else:
+            flat[name] = value
+    return flat
+
+
+def in_sections(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Sections in each other, of values by ``"section.key"``."""
+    sections: dict[str, Any] = {}
+    for key, value in values.items():
+        *path, field = key.split(".")
+        section = sections
+        for name in path:
+            section = section.setdefault(name, {})
+        section[field] = value
+    return sections
+
+
+class Outage(NamedTuple):
+    """Slots in which a UAV is not in service."""
+
+    uav: int
+    """Index of the UAV."""
+    first_slot: int
+    """The first of them."""
+    end_slot: int
+    """The slot in which it joins again."""
+
+    @classmethod
+    def read(cls, text: str) -> Outage:
+        """Read one of `network.failures`."""
+        uav, _, slots = text.partition("@")
+        first, _, end = slots.partition("-")
+        return cls(int(uav), int(first), int(end) if end else NEVER)
+
+
+NEVER = 2**62
+"""A slot that no episode reaches."""
+
+
 class NetworkParameters(Section):
     """The area, its users, and how long an episode is."""
 
@@ -135,6 +197,27 @@ class NetworkParameters(Section):
     """Duration of a time slot."""
     episode_slots: Annotated[int, within(1, 1_000_000)] = 200
     """Number T of slots in an episode, which is a time limit (M15)."""
+    failures: tuple[Failure, ...] = ()
+    """UAVs that fail: `2@60` is UAV 2 from slot 60 on, `0@0-30` UAV 0 up to slot 30 (M42)."""
+
+    @property
+    def outages(self) -> tuple[Outage, ...]:
+        """The failures, read."""
+        return tuple(Outage.read(text) for text in self.failures)
+
+    @model_validator(mode="after")
+    def _known_uavs(self) -> NetworkParameters:
+        for outage in self.outages:
+            if outage.uav >= self.uav_count:
+                raise ValueError(
+                    f"failures name UAV {outage.uav}, but there are only UAVs 0 to "
+                    f"{self.uav_count - 1}"
+                )
+            if not outage.first_slot < outage.end_slot:
+                raise ValueError(
+                    f"UAV {outage.uav} cannot fail in slot {outage.first_slot} and join before it"
+                )
+        return self
 
     @model_validator(mode="after")
     def _enough_users(self) -> NetworkParameters:
@@ -144,6 +227,23 @@ class NetworkParameters(Section):
                 f"at least {self.uav_count + 1} users"
             )
         return self
+
+
+class StationParameters(Section):
+    """How a UAV's station moves, the place that its autopilot circles (M38)."""
+
+    speed_limit_mps: Annotated[float, within(0.0, 1000.0)] = 8.0
+    """Greatest speed of a station; what is left of `uav.max_speed_mps` is for the circle."""
+    smoothing: Annotated[float, within(0.0, 0.99)] = 0.5
+    """Share of its velocity that a station keeps from slot to slot; 0 follows every action."""
+    centre_spacing_m: Distance = 90.0
+    """Least distance of two stations, kept whatever the actions are."""
+    circle_radius_m: Annotated[float, within(0.1, 1e5)] = 40.0
+    """Radius of the circles, less where the area has no room for it."""
+    altitude_m: Altitude | None = 120.0
+    """Altitude that UAVs climb to and keep; none leaves it to the third action."""
+    transmit_power_w: TransmitPower | None = 0.2
+    """Transmit power that UAVs go to and keep; none leaves it to the fourth action."""
 
 
 class UavParameters(Section):
@@ -170,7 +270,12 @@ class UavParameters(Section):
     power_step_w: Annotated[float, within(0.0, 1e4)] = 0.01
     """Change delta_p of the transmit power per slot for an action of 1."""
     observation: Observation = "paper"
-    """What a UAV observes: `paper` means the 16 numbers of Section IV-C1 (M18)."""
+    """What a UAV observes: the 16 numbers of Section IV-C1 (M18), or `informed`, what it knows
+    of its users and neighbours (M40)."""
+    flight: Flight = "direct"
+    """What an action moves: the UAV itself, as in the paper, or the station it circles (M38)."""
+    station: StationParameters = StationParameters()
+    """Stations, for `uav.flight = station`."""
 
     @model_validator(mode="after")
     def _ordered(self) -> UavParameters:
@@ -185,7 +290,28 @@ class UavParameters(Section):
                 f"..max_transmit_power_w = {self.min_transmit_power_w:g}"
                 f"..{self.max_transmit_power_w:g}"
             )
+        if self.flight == "station":
+            self._check_station()
         return self
+
+    def _check_station(self) -> None:
+        station = self.station
+        for name, value, low, high in (
+            ("altitude_m", station.altitude_m, self.min_altitude_m, self.max_altitude_m),
+            (
+                "transmit_power_w",
+                station.transmit_power_w,
+                self.min_transmit_power_w,
+                self.max_transmit_power_w,
+            ),
+        ):
+            if value is not None and not low <= value <= high:
+                raise ValueError(f"station.{name} is {value:g}, outside {low:g}..{high:g}")
+        if station.speed_limit_mps > self.max_speed_mps:
+            raise ValueError(
+                f"station.speed_limit_mps is {station.speed_limit_mps:g}, above max_speed_mps = "
+                f"{self.max_speed_mps:g}"
+            )
 
     @property
     def start_power_w(self) -> float:
@@ -307,13 +433,27 @@ class GbsParameters(Section):
     """Bandwidth that the GBS divides equally among its users (M4)."""
 
 
+class SensingParameters(Section):
+    """What UAVs know of the users in flight; links, loads and rewards stay true (M39)."""
+
+    flight_error_std_m: Distance = 0.0
+    """Standard deviation of an error that each user keeps for an episode, per axis."""
+    delay_s: Annotated[float, within(0.0, 3600.0)] = 0.0
+    """Age of the positions that are known."""
+
+
 class DeploymentParameters(Section):
     """Phase I: where UAVs start."""
 
     init: Annotated[Start, Flag("init", "method")] = "kmeans"
-    """Where UAVs start: at GBS-aware K-Means++ centroids, or at random positions (M28)."""
+    """Where UAVs start: at GBS-aware K-Means++ centroids, at the most balanced of several such
+    clusterings (M41), or at random positions (M28)."""
     n_init: Annotated[int, within(1, 10_000)] = 1
     """Number of K-Means++ runs, of which the one with the least WCSS is kept (M27)."""
+    balanced_restarts: Annotated[int, within(0, 10_000)] = 30
+    """Clusterings besides Phase I's own that `init = balanced` chooses from (M41)."""
+    balanced_on: Literal["sensed", "exact"] = "sensed"
+    """Positions that these see: as `network.sensing_error_std_m` makes them, or as they are."""
 
 
 class RewardParameters(Section):
@@ -356,6 +496,8 @@ class Parameters(Section):
     """Radio links."""
     gbs: GbsParameters = GbsParameters()
     """Ground base station."""
+    sensing: SensingParameters = SensingParameters()
+    """What is known in flight."""
     deployment: DeploymentParameters = DeploymentParameters()
     """Phase I."""
     reward: RewardParameters = RewardParameters()
@@ -377,6 +519,20 @@ class Parameters(Section):
                 raise ValueError(
                     f"there is no room for {uavs} UAVs min_separation_m = {apart_m:g} m apart, as "
                     f"init = random wants them, in area_m = {self.network.area_m:g} m"
+                )
+        return self
+
+    @model_validator(mode="after")
+    def _room_for_stations(self) -> Parameters:
+        if self.uav.flight == "station":
+            from orchid_uav.envs.starts.stations import room_for  # loads scipy
+
+            spacing_m = self.uav.station.centre_spacing_m
+            side_m = self.network.area_m - 2.0 * self.circle_radius_m
+            if not room_for(self.network.uav_count, spacing_m, side_m):
+                raise ValueError(
+                    f"there is no room for {self.network.uav_count} stations centre_spacing_m = "
+                    f"{spacing_m:g} m apart in the {side_m:g} m that circles leave of area_m"
                 )
         return self
 
@@ -411,6 +567,16 @@ class Parameters(Section):
         return (middle_m, middle_m, self.gbs.height_m)
 
     @property
+    def delay_slots(self) -> int:
+        """Age of what UAVs know of the users' positions, an episode at most (M39)."""
+        return min(round(self.sensing.delay_s / self.network.slot_s), self.network.episode_slots)
+
+    @property
+    def circle_radius_m(self) -> float:
+        """Radius of the circles round stations, for which the area has room (M38)."""
+        return min(self.uav.station.circle_radius_m, 0.5 * self.network.area_m)
+
+    @property
     def heading_hold_slots(self) -> int:
         """Slots between two draws of a user's heading, at least 1 (M16)."""
         return max(1, round(self.network.heading_hold_s / self.network.slot_s))
@@ -425,54 +591,55 @@ class Parameters(Section):
         Raises:
             ValueError: unknown or ambiguous name, or a value that does not fit, in one line.
         """
-        merged = self.model_dump()
+        merged = by_key(self.model_dump())
         for name, value in with_current_keys(overrides).items():
-            section, field = self.locate(name)
-            merged[section][field] = value
+            merged[self.locate(name)] = value
         try:
-            return Parameters.model_validate(merged)
+            return Parameters.model_validate(in_sections(merged))
         except ValidationError as error:
             raise ValueError(describe_error(error, Parameters)[1]) from error
 
     @classmethod
-    def locate(cls, name: str) -> tuple[str, str]:
-        """(section, field) of ``"section.field"`` or of a field name that is unique."""
-        keys = [
-            (section, field)
-            for section, info in cls.model_fields.items()
-            for field in info.default.__class__.model_fields
-        ]
-        found = [key for key in keys if name in (key[1], ".".join(key))]
+    def locate(cls, name: str) -> str:
+        """The key ``"section.field"`` of itself, or of a field name that is unique."""
+        keys = list(fields_by_key(cls))
+        found = [key for key in keys if name in (key.rpartition(".")[2], key)]
         if not found:
-            names = [".".join(key) for key in keys] + [field for _, field in keys]
+            names = keys + [key.rpartition(".")[2] for key in keys]
             raise ValueError(unknown("parameter", name, names, cutoff=0.6))
         if len(found) > 1:
-            choices = ", ".join(f"'{'.'.join(key)}'" for key in sorted(found))
+            choices = ", ".join(f"'{key}'" for key in sorted(found))
             raise ValueError(f"'{name}' is one of several: {choices}")
         return found[0]
 
 
-def describe_error(error: ValidationError, model: type[BaseModel]) -> tuple[list[str], str]:
-    """Where the first of pydantic's complaints lies, and the complaint in one line.
+def describe_error(error: ValidationError, model: type[BaseModel]) -> tuple[str, str]:
+    """The key that the first of pydantic's complaints is about, and the complaint in one line.
 
     Args:
         error: of validating a ``model``.
         model: consists of sections.
+
+    Returns:
+        The key is that of a section, or none, where the complaint is about several values.
     """
     first = error.errors()[0]
     location = [str(part) for part in first["loc"]]
     message = first["msg"].removeprefix("Value error, ")
-    if len(location) < 2:  # a rule about several values
-        return location, f"{location[0]}: {message}" if location else message
-    section, field = location[:2]
+    fields = fields_by_key(model)
+    paths = (".".join(location[:count]) for count in range(len(location), 0, -1))
+    key = next((path for path in paths if path in fields), "")
+    if not key and (len(location) < 2 or first["type"] == "value_error"):
+        section = ".".join(location)
+        return section, f"{section}: {message}" if location else message
     told = message.lower()
-    if first["type"] in _OUT_OF_RANGE:
-        known = type(model.model_fields[section].default).model_fields[field]
-        values = values_of(known)
+    if key and first["type"] in _OUT_OF_RANGE:
+        values = values_of(fields[key])
         if "than" in first["type"]:  # a number, perhaps one of several
             values = "within " + values.rpartition("× ")[2]
-        told = f"not {values} {unit_of(field)}".rstrip()
-    return location, f"{section}.{field} = {first['input']!r}: {told}"
+        told = f"not {values} {unit_of(key)}".rstrip()
+    key = key or ".".join(location)
+    return key, f"{key} = {first['input']!r}: {told}"
 
 
 _OUT_OF_RANGE = {

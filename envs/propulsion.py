@@ -6,7 +6,7 @@ from scipy.constants import g as standard_gravity
 from scipy.optimize import minimize_scalar
 
 from orchid_uav.envs.elementary import Numeric
-from orchid_uav.envs.parameters import RotorParameters
+from orchid_uav.envs.parameters import Parameters, RotorParameters
 
 _TABLE_I = RotorParameters()
 _BLADE_PROFILE_POWER_W = _TABLE_I.blade_profile_power_w
@@ -88,3 +88,10 @@ def least_power_speed_mps(rotor: RotorParameters, max_speed_mps: float) -> float
     # The bounded search never returns an end of the interval, though the least may lie there.
     candidates = (0.0, float(optimum.x), max_speed_mps)
     return min(candidates, key=lambda speed: propulsion_power_w(speed, **rotor.power_curve()))
+
+
+def circling_speed_mps(parameters: Parameters) -> float:
+    """Speed of least propulsion power that the UAVs can fly in every direction."""
+    uav = parameters.uav
+    slowest_axis_mps = min(uav.displacement_scale_m[:2]) / parameters.network.slot_s
+    return least_power_speed_mps(parameters.rotor, min(uav.max_speed_mps, slowest_axis_mps))

@@ -14,9 +14,15 @@ NOISE_STREAM = 2**31
 SENSING_STREAM, START_STREAM = 1, 2
 """Second number of the keys of Phase I's sensing error (M29) and of its random start (M28); the
 first number is what Phase I takes from the world's generator."""
+FLIGHT_SENSING_STREAM = 3
+"""Second number of the key of the error on the users' positions in flight (M39); the first number
+is the seed of the users' walks."""
 RANDOM_RESETS_STREAM = 1
 """Second number of the key from which the episodes of random resets are drawn; the first number is
 the seed of the training run."""
+IMITATION_STREAM = 4
+"""Third number of the key from which an iteration of imitation draws; the others are the seed of
+the training run and the iteration."""
 RESAMPLING_SEED = 0
 """Seed of all bootstraps and permutation tests, so that equal data give equal intervals."""
 

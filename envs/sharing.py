@@ -78,6 +78,27 @@ def cell_throughput_bps(
     return bandwidth_hz * cell_square_sum / cell_sum
 
 
+@register_jitable
+def cell_squared_rates(
+    rule: Numeric,
+    bandwidth_hz: Numeric,
+    cell_count: Numeric,
+    cell_sum: Numeric,
+    cell_inverse_sum: Numeric,
+    cell_square_sum: Numeric,
+    cell_fourth_sum: Numeric,
+) -> Numeric:
+    """Sum of the squared rates in a cell under ``rule``, for Jain's index, from the same sums.
+
+    ``cell_fourth_sum`` is that of the fourth powers.
+    """
+    if rule == MAX_MIN:
+        return cell_count * (bandwidth_hz / cell_inverse_sum) ** 2
+    if rule == PROPORTIONAL:
+        return cell_square_sum * (bandwidth_hz / cell_count) ** 2
+    return cell_fourth_sum * (bandwidth_hz / cell_sum) ** 2
+
+
 def _cell(spectral_efficiency: ArrayLike) -> NDArray[np.float64]:
     cell = np.asarray(spectral_efficiency, dtype=float)
     if cell.ndim != 1 or not np.all(cell > 0.0):

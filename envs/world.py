@@ -12,10 +12,14 @@ from orchid_uav.envs.compilation import specialised
 from orchid_uav.envs.deployment import deploy
 from orchid_uav.envs.dynamics import begin_episodes, step_worlds
 from orchid_uav.envs.extensions import Extensions, checked, own_path_loss
+from orchid_uav.envs.knowledge.counterfactuals import shifts_m
+from orchid_uav.envs.knowledge.informed import INFORMED_SIZE, inform_worlds
 from orchid_uav.envs.metrics import EPISODE_METRICS, SLOT_METRICS, SUMMED_OVER_SLOTS
 from orchid_uav.envs.parameters import Parameters
-from orchid_uav.envs.seeds import world_seeds
+from orchid_uav.envs.seeds import FLIGHT_SENSING_STREAM, world_seeds
 from orchid_uav.envs.sharing import equal_share, user_rate_bps
+from orchid_uav.envs.starts.balanced import balanced_start_m
+from orchid_uav.envs.starts.stations import spread_out
 from orchid_uav.envs.threads import parts_of, run_each
 from orchid_uav.envs.users import check_user_positions, draw_user_positions
 
@@ -123,7 +127,9 @@ class WorldBatch:
         self.user_count = parameters.network.user_count
         self.state_size = state_size(self.uav_count)
         self.progress = 0.0
-        self.arrays = Worlds.zeros(worlds, self.uav_count, self.user_count)
+        self.arrays = Worlds.zeros(self.constants, worlds, self.uav_count, self.user_count)
+        self.start_shift_m = np.zeros((worlds, self.uav_count))
+        """How far each UAV starts from where it was put, as stations keep apart (M38), (B, N)."""
         self.arrays.slot[:] = parameters.network.episode_slots  # no episode has begun
         self._shadowing_db = np.zeros((worlds, self.user_count))
         self.generators = [np.random.default_rng(0)] * worlds
@@ -187,6 +193,10 @@ class WorldBatch:
         arrays.target_users[chosen] = topologies.target_users
         # A centroid of users at the border may lie beyond it by a rounding error.
         arrays.positions_m[chosen, :, :2] = np.clip(topologies.start_m, 0.0, area_m)
+        self._keep_stations_apart(chosen)
+        if not self.constants.senses_truth:
+            for world, key in zip(chosen, topologies.walk_keys, strict=True):
+                arrays.sensing_error_m[world] = self._sensing_error_m(int(key))
         arrays.positions_m[chosen, :, 2] = uav.initial_altitude_m
         arrays.transmit_powers_w[chosen] = uav.start_power_w
         arrays.walk_key[chosen] = topologies.walk_keys
@@ -227,7 +237,27 @@ class WorldBatch:
         self.arrays.transmit_powers_w[:] = powers_w
         self.arrays.target_users[:] = targets
         self.arrays.positions_m[:] = positions
-        self._begin(np.arange(self.world_count))
+        chosen = np.arange(self.world_count)
+        self._keep_stations_apart(chosen)
+        self._begin(chosen)
+
+    def _keep_stations_apart(self, chosen: NDArray[np.int64]) -> None:
+        """Move UAVs that begin to stations that keep their distance (M38)."""
+        if not self.constants.flies_stations:
+            return
+        low_m = self.constants.circle_radius_m
+        high_m = self.constants.area_m - low_m
+        for world in chosen:
+            wanted_m = self.arrays.positions_m[world, :, :2].copy()
+            starts_m = spread_out(wanted_m, self.constants.centre_spacing_m, low_m, high_m)
+            self.arrays.positions_m[world, :, :2] = starts_m
+            self.start_shift_m[world] = np.linalg.norm(starts_m - wanted_m, axis=1)
+
+    def _sensing_error_m(self, walk_key: int) -> NDArray[np.float64]:
+        """Error of one episode on the users' positions in flight, (2, M) (M39)."""
+        generator = np.random.default_rng([walk_key, FLIGHT_SENSING_STREAM])
+        std_m = self.parameters.sensing.flight_error_std_m
+        return generator.normal(0.0, std_m, (2, self.user_count))
 
     def _begin(self, chosen: NDArray[np.int64]) -> None:
         links = self.uav_count * self.user_count
@@ -257,6 +287,16 @@ class WorldBatch:
             0.0, parameters.gbs.shadowing_std_db, self.user_count
         )
         drawn.walk_keys[row] = generator.integers(2**64, dtype=np.uint64)
+        if parameters.deployment.init == "balanced":
+            drawn.start_m[row] = balanced_start_m(
+                parameters,
+                self.constants,
+                deployment.users_m if parameters.deployment.balanced_on == "sensed" else users_m,
+                deployment.target_users,
+                deployment.uav_positions_m,
+                drawn.walk_keys[row],
+                self._begin_episodes,
+            )
 
     def step(self, actions: ArrayLike) -> None:
         """Move every world on by one slot; the outcome is in ``arrays``.
@@ -288,11 +328,20 @@ class WorldBatch:
             self.arrays.episode_sums[:, 0] += extra.mean(axis=1)
 
     def observations(self) -> NDArray[np.float32]:
-        """What every UAV sees now, (B, N, O): of the caller's own, else the built-in 16 numbers."""
+        """What every UAV sees now, (B, N, O): of the caller's own, else as configured."""
         if self._observe is None or self.own_observation_size is None:
+            if self.parameters.uav.observation == "informed":
+                return self.informed_observations()
             return self.arrays.observations
         shape = (self.world_count, self.uav_count, self.own_observation_size)
         return checked("observe", self._observe(self), shape, np.float32)
+
+    def informed_observations(self) -> NDArray[np.float32]:
+        """What every UAV knows of its users and neighbours now, (B, N, INFORMED_SIZE) (M40)."""
+        seen = np.empty((self.world_count, self.uav_count, INFORMED_SIZE), np.float32)
+        inform, moves_m = self.specialised(inform_worlds), shifts_m()
+        self.divide(lambda part, worlds: inform(self.constants, worlds, moves_m, seen[part]))
+        return seen
 
     def specialised(self, compiled: Callable[..., None]) -> Callable[..., None]:
         """A compiled function of these worlds' air-to-ground channel; itself for the built-in."""
@@ -352,12 +401,31 @@ class WorldBatch:
             generator.bit_generator.state = state
         for name, array in stored.items():
             array[...] = arrays[name]
+        if not self.constants.flies_stations:
+            self.arrays.stations_m[:] = self.arrays.positions_m[..., :2]
+            self.arrays.station_velocities_mps[:] = self.arrays.velocities_mps[..., :2]
 
     def _stored(self) -> dict[str, NDArray[Any]]:
         # Checkpoints know the users' coordinates by the name that they had in the first version.
         former = {"user_coordinates_m": "users_m"}
-        arrays = {former.get(name, name): array for name, array in self.arrays._asdict().items()}
+        idle = set()  # as versions without stations, failures and sensing in flight stored it
+        if not self.constants.flies_stations:
+            idle |= {"stations_m", "station_velocities_mps"}
+        if not len(self.constants.outages):
+            idle |= {"in_service"}
+        if self.constants.senses_truth:
+            idle |= {"known_coordinates_m", "known_velocities_mps", "sensing_error_m", "past_users"}
+        arrays = {
+            former.get(name, name): array
+            for name, array in self.arrays._asdict().items()
+            if name not in idle
+        }
         return arrays | {"shadowing_db": self._shadowing_db}
+
+    @property
+    def known_users_m(self) -> NDArray[np.float64]:
+        """Horizontal user positions as UAVs know them in flight, (B, M, 2), a view (M39)."""
+        return self.arrays.known_coordinates_m.transpose(0, 2, 1)
 
     @property
     def users_m(self) -> NDArray[np.float64]:

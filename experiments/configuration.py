@@ -17,7 +17,10 @@ from orchid_uav.envs.parameters import (
     Parameters,
     Section,
     Weight,
+    by_key,
     describe_error,
+    fields_by_key,
+    in_sections,
     with_current_keys,
 )
 from orchid_uav.experiments.configuration_files import read_configuration
@@ -107,6 +110,31 @@ class MaddpgParameters(Section):
         return self
 
 
+class DaggerParameters(Section):
+    """Imitation of best response by DAgger; an iteration counts as an episode (M43)."""
+
+    learning_rate: tuple[LearningRate, LearningRate] = (1e-3, 5e-5)
+    """Learning rate at training progress 0 and 1, geometric in between."""
+    batch_size: Annotated[int, within(1, 10_000_000)] = 2048
+    """Examples of a gradient step."""
+    gradient_steps: Annotated[int, within(1, 1_000_000)] = 60
+    """Gradient steps of an iteration."""
+    label_every_slots: Annotated[int, within(1, 1_000_000)] = 3
+    """Slots from one question to the teacher to the next."""
+    examples: Annotated[int, within(1, 100_000_000)] = 400_000
+    """Newest examples that are kept."""
+    decisiveness: Annotated[float, within(0.01, 100.0)] = 2.5
+    """Factor on the policy's output before tanh in flight; learning alone makes it hesitate."""
+    hidden_sizes: LayerSizes = (192, 192)
+    """Hidden layers of the policy."""
+
+    @model_validator(mode="after")
+    def _learns(self) -> "DaggerParameters":
+        if min(self.learning_rate) <= 0.0:
+            raise ValueError("learning_rate is 0, from which it cannot change geometrically")
+        return self
+
+
 class ResetParameters(Section):
     """Reset-and-Finetune."""
 
@@ -142,7 +170,7 @@ class CheckpointParameters(Section):
 class TrainingParameters(Section):
     """The length, seed and algorithm of a training."""
 
-    algorithm: Annotated[Literal["mappo", "maddpg"], Flag("algorithm")] = "mappo"
+    algorithm: Annotated[Literal["mappo", "maddpg", "dagger"], Flag("algorithm")] = "mappo"
     """Learning algorithm; `maddpg` uses Reset-and-Finetune only if `reset.enabled` is set."""
     episodes: Annotated[Episodes, Flag("episodes")] = 700
     """Number E_max of training episodes."""
@@ -167,6 +195,8 @@ class RunConfig(Parameters):
     """MAPPO."""
     maddpg: MaddpgParameters = MaddpgParameters()
     """MADDPG."""
+    dagger: DaggerParameters = DaggerParameters()
+    """Imitation."""
     reset: ResetParameters = ResetParameters()
     """Reset-and-Finetune."""
     checkpoint: CheckpointParameters = CheckpointParameters()
@@ -182,6 +212,15 @@ class RunConfig(Parameters):
                 "one UAV, world and slot (network.episode_slots) make a rollout of one sample, "
                 "and at least 2 are needed"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _imitates_what_it_can(self) -> "RunConfig":
+        if self.training.algorithm == "dagger":
+            if self.uav.flight != "station":
+                raise ValueError("algorithm = dagger imitates a rule that needs flight = station")
+            if self.reset.enabled:
+                raise ValueError("algorithm = dagger has no Reset-and-Finetune")
         return self
 
     @property
@@ -236,11 +275,23 @@ PRESETS = {
             "training": {"episodes": 100},
         },
     ),
+    "distilled": Preset(
+        "a policy on stations that imitates best response and knows less than it, some twelve "
+        "minutes of one core",
+        {
+            "uav": {"flight": "station", "observation": "informed"},
+            "deployment": {"init": "balanced"},
+            "training": {"algorithm": "dagger", "episodes": 400, "worlds": 20},
+        },
+    ),
 }
 """Configurations to begin with, by name."""
 
-ALGORITHM_DEFAULTS: dict[str, dict[str, Any]] = {"maddpg": {"reset.enabled": False}}
-"""Other defaults for an algorithm: Reset-and-Finetune belongs to ORCHID, not to MADDPG."""
+ALGORITHM_DEFAULTS: dict[str, dict[str, Any]] = {
+    "maddpg": {"reset.enabled": False},
+    "dagger": {"reset.enabled": False},
+}
+"""Other defaults for an algorithm: Reset-and-Finetune belongs to ORCHID."""
 
 
 class Layer(NamedTuple):
@@ -251,19 +302,17 @@ class Layer(NamedTuple):
     """By ``"section.key"``."""
 
 
+_FIELDS = fields_by_key(RunConfig)
+
+
 def configuration_keys() -> list[str]:
     """All keys as ``"section.key"``, in order."""
-    return [
-        f"{section}.{field}"
-        for section, info in RunConfig.model_fields.items()
-        for field in type(info.default).model_fields
-    ]
+    return list(_FIELDS)
 
 
 def field_of(key: str) -> FieldInfo:
     """The field of a key ``"section.key"``."""
-    section, field = key.split(".")
-    return type(RunConfig.model_fields[section].default).model_fields[field]
+    return _FIELDS[key]
 
 
 FLAGS: dict[str, Flag] = {
@@ -284,12 +333,7 @@ _LISTS = {key for key in configuration_keys() if holds_several(field_of(key))}
 
 def flatten(config: RunConfig) -> dict[str, Any]:
     """Values by ``"section.key"``."""
-    nested = config.model_dump(mode="json")
-    return {
-        f"{section}.{field}": value
-        for section, fields in nested.items()
-        for field, value in fields.items()
-    }
+    return by_key(config.model_dump(mode="json"))
 
 
 def preset_layer(name: str) -> Layer:
@@ -345,12 +389,8 @@ def merge(layers: Iterable[Layer]) -> tuple[RunConfig, dict[str, str]]:
                 raise InputError(f"{_unknown('key', key, keys)} (from {layer.source})")
             values[key] = value
             sources[key] = layer.source
-    nested: dict[str, dict[str, Any]] = {}
-    for key, value in values.items():
-        section, field = key.split(".")
-        nested.setdefault(section, {})[field] = value
     try:
-        return RunConfig.model_validate(nested), sources
+        return RunConfig.model_validate(in_sections(values)), sources
     except ValidationError as error:
         raise InputError(_describe(error, sources)) from error
 
@@ -384,7 +424,7 @@ def _by_dotted_key(nested: Any, source: str) -> dict[str, Any]:
             raise InputError(f"{_unknown('section', section, RunConfig.model_fields)} in {source}")
         if not isinstance(fields, Mapping):
             raise InputError(f"'{section}' in {source} is not a section with keys")
-        flat |= {f"{section}.{field}": value for field, value in fields.items()}
+        flat |= {f"{section}.{key}": value for key, value in by_key(fields).items()}
     return flat
 
 
@@ -406,11 +446,11 @@ def _unknown(kind: str, name: str, known: Iterable[str]) -> str:
 
 
 def _describe(error: ValidationError, sources: Mapping[str, str]) -> str:
-    location, message = describe_error(error, RunConfig)
-    if len(location) < 2:  # a rule about several values
+    key, message = describe_error(error, RunConfig)
+    if key not in sources:  # a rule about several values
         changed = [f"{name} ({source})" for name, source in sources.items() if source != "default"]
         return message + (f"; set here: {', '.join(changed)}" if changed else "")
-    return f"{message} (from {sources.get('.'.join(location[:2]), 'default')})"
+    return f"{message} (from {sources[key]})"
 
 
 _REWARDED = {

@@ -8,14 +8,15 @@ from scipy.optimize import linear_sum_assignment
 
 from orchid_uav.agents.controllers.controller import Actions, act_towards, no_actions
 from orchid_uav.envs.deployment import gbs_aware_kmeans, kmeans_centroids
-from orchid_uav.envs.metrics import LOAD_JFI, RATE_JFI
-from orchid_uav.envs.propulsion import least_power_speed_mps, load_factor
+from orchid_uav.envs.dynamics import begin_episodes
+from orchid_uav.envs.kinematics import chord, circling_displacement_m
+from orchid_uav.envs.propulsion import circling_speed_mps, load_factor
+from orchid_uav.envs.starts.balanced import most_balanced, restarts_of
 from orchid_uav.envs.world import Topologies, WorldBatch
 
 Floats = NDArray[np.float64]
 
 LOITER_RADIUS_M = 40.0
-_SMALLEST_NORMAL = float(np.finfo(np.float64).tiny)
 RESTARTS = 30
 
 
@@ -55,7 +56,7 @@ class Loiter:
 
     def begin(self, world: WorldBatch) -> None:
         """Take the present positions as the centres of the circles."""
-        self.speed_mps = loiter_speed_mps(world)
+        self.speed_mps = circling_speed_mps(world.parameters)
         self.circle_m = circle_radius_m(world, self.radius_m)
         self.centres_m = self._inside(world, world.arrays.positions_m[..., :2])
 
@@ -71,7 +72,10 @@ class Loiter:
 
     def _displacement_m(self, world: WorldBatch, step_m: float) -> Floats:
         relative_m = world.arrays.positions_m[..., :2] - self.centres_m
-        return circling_displacement_m(relative_m, self.circle_m, step_m)
+        moves_m = circling_displacement_m(
+            relative_m[..., 0], relative_m[..., 1], self.circle_m, *chord(self.circle_m, step_m)
+        )
+        return np.stack(moves_m, axis=-1)
 
 
 class BalancedLoiter(Loiter):
@@ -106,7 +110,14 @@ class BalancedLoiter(Loiter):
             starts_m, candidates = candidate_starts(
                 world, index, self.restarts, self.seed, self.keeps_targets
             )
-            best = _most_balanced(world, index, starts_m, candidates)
+            best = most_balanced(
+                world.parameters,
+                world.constants,
+                world.users_m[index],
+                candidates,
+                starts_m,
+                world.specialised(begin_episodes),
+            )
             positions_m[index, :, :2] = starts_m[best]
             targets[index] = candidates[best]
         world.place(positions_m, target_users=targets)
@@ -121,36 +132,20 @@ def candidate_starts(
     targets = world.arrays.target_users[index]
     starts_m = [world.arrays.positions_m[index, :, :2].copy()]
     target_sets = [targets.copy()]
-    generator = np.random.default_rng([seed, int(world.arrays.walk_key[index] >> np.uint64(1))])
-    for restart_seed in generator.integers(2**31, size=restarts):
+    for restart_seed in restarts_of(world.arrays.walk_key[index], restarts, seed):
         if keeps_targets and not targets.any():
             starts_m.append(starts_m[0])  # nobody to serve, so that no start is better
             target_sets.append(targets)
         elif keeps_targets:
-            starts_m.append(kmeans_centroids(users_m[targets], world.uav_count, int(restart_seed)))
+            starts_m.append(kmeans_centroids(users_m[targets], world.uav_count, restart_seed))
             target_sets.append(targets)
         else:
             phase_one = gbs_aware_kmeans(
-                users_m, world.uav_count, world.parameters.gbs_position_m, int(restart_seed)
+                users_m, world.uav_count, world.parameters.gbs_position_m, restart_seed
             )
             starts_m.append(phase_one.uav_positions_m)
             target_sets.append(phase_one.target_users)
     return np.stack(starts_m), np.stack(target_sets)
-
-
-def _most_balanced(
-    world: WorldBatch, index: int, starts_m: Floats, targets: NDArray[np.bool_]
-) -> int:
-    trial = WorldBatch(
-        world.parameters,
-        worlds=len(starts_m),
-        seed=0,
-        air_to_ground_path_loss_db=world.air_to_ground_path_loss_db,
-    )
-    alike = repeat_topology(world, index, len(starts_m))
-    trial.use_topology(alike._replace(start_m=starts_m, target_users=targets))
-    metrics = trial.arrays.metrics
-    return int(np.argmax(metrics[:, LOAD_JFI] + metrics[:, RATE_JFI]))
 
 
 def repeat_topology(world: WorldBatch, index: int, count: int) -> Topologies:
@@ -174,11 +169,18 @@ class Track(Loiter):
     Args:
         period_s: seconds between two clusterings.
         radius_m: of the circles.
+        altitude_m: to climb to, within the flight box; by default it stays where it begins.
     """
 
-    def __init__(self, period_s: float = 10.0, radius_m: float = LOITER_RADIUS_M) -> None:
+    def __init__(
+        self,
+        period_s: float = 10.0,
+        radius_m: float = LOITER_RADIUS_M,
+        altitude_m: float | None = None,
+    ) -> None:
         super().__init__(radius_m)
         self.period_s = period_s
+        self.altitude_m = altitude_m
 
     def act(self, world: WorldBatch) -> Actions:
         """Towards the newest centre, or round it."""
@@ -186,14 +188,19 @@ class Track(Loiter):
         slot = int(world.arrays.slot[0])
         if slot and slot % period_slots == 0 and world.parameters.network.user_speed_mps > 0.0:
             self._follow(world)
-        return super().act(world)
+        actions = super().act(world)
+        scale_m = world.parameters.uav.displacement_scale_m[2]
+        if self.altitude_m is not None and scale_m > 0.0:
+            missing_m = self.altitude_m - world.arrays.positions_m[..., 2]
+            actions[..., 2] = np.clip(missing_m / scale_m, -1.0, 1.0)
+        return actions
 
     def _follow(self, world: WorldBatch) -> None:
         for index in range(world.world_count):
             targets = world.arrays.target_users[index]
             if targets.sum() < world.uav_count:
                 continue
-            users_m = world.users_m[index][targets]
+            users_m = world.known_users_m[index][targets]
             centres_m = kmeans_centroids(users_m, world.uav_count, start_m=self.centres_m[index])
             positions_m = world.arrays.positions_m[index, :, :2]
             distances_m = np.linalg.norm(positions_m[:, None] - centres_m[None], axis=-1)
@@ -202,31 +209,9 @@ class Track(Loiter):
         self.centres_m = self._inside(world, self.centres_m)
 
 
-def circling_displacement_m(relative_m: Floats, radius_m: float, step_m: float) -> Floats:
-    """Next moves (..., 2) of UAVs at ``relative_m`` from the centres of their circles.
-
-    On the circle the move is a chord of length ``step_m``, counter-clockwise; away from it, a step
-    of that length towards the point where the chord from the nearest point of the circle ends.
-    """
-    step_m = min(step_m, 2.0 * radius_m)
-    chord_angle = 2.0 * math.asin(0.5 * step_m / radius_m)
-    angle = np.arctan2(relative_m[..., 1], relative_m[..., 0]) + chord_angle
-    aim_m = radius_m * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    displacement_m = aim_m - relative_m
-    length_m = np.linalg.norm(displacement_m, axis=-1, keepdims=True)
-    return displacement_m * (step_m / np.maximum(length_m, max(step_m, _SMALLEST_NORMAL)))
-
-
 def circle_radius_m(world: WorldBatch, radius_m: float) -> float:
     """The radius wanted, or less where the area has no room for it."""
     return min(radius_m, 0.5 * world.parameters.network.area_m)
-
-
-def loiter_speed_mps(world: WorldBatch) -> float:
-    """Speed of least propulsion power that the UAVs of these worlds can fly."""
-    uav = world.parameters.uav
-    slowest_axis_mps = min(uav.displacement_scale_m[:2]) / world.parameters.network.slot_s
-    return least_power_speed_mps(world.parameters.rotor, min(uav.max_speed_mps, slowest_axis_mps))
 
 
 def bank_angle_deg(speed_mps: float, radius_m: float) -> float:

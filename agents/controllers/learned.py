@@ -30,7 +30,7 @@ class Learned:
 
     def act(self, world: WorldBatch) -> Actions:
         """The policy's mean for every UAV's observation, plus noise."""
-        observations = world.arrays.observations
+        observations = world.observations()
         actions = self.actor.act(observations.reshape(-1, observations.shape[-1])).astype(float)
         actions = actions.reshape(world.world_count, world.uav_count, -1)
         return actions if self.noise is None else actions + self.noise.now(world)

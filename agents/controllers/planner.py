@@ -13,11 +13,10 @@ from orchid_uav.agents.controllers.heuristics import (
     Loiter,
     candidate_starts,
     circle_radius_m,
-    loiter_speed_mps,
     repeat_topology,
 )
 from orchid_uav.envs.metrics import COVERAGE, LOAD_JFI, RATE_JFI, SUM_RATE
-from orchid_uav.envs.propulsion import propulsion_power_w, total_power_w
+from orchid_uav.envs.propulsion import circling_speed_mps, propulsion_power_w, total_power_w
 from orchid_uav.envs.reward import energy_efficiency, final_utility
 from orchid_uav.envs.world import WorldBatch
 
@@ -160,7 +159,7 @@ class _Judge:
         self._circle_m = np.zeros((_CIRCLE_POINTS, 3))
         self._circle_m[:, 0] = margin_m * np.cos(angles)
         self._circle_m[:, 1] = margin_m * np.sin(angles)
-        speed_mps = loiter_speed_mps(world)
+        speed_mps = circling_speed_mps(parameters)
         self._propulsion_w = world.uav_count * float(
             propulsion_power_w(speed_mps, **parameters.rotor.power_curve())
         )

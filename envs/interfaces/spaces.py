@@ -8,6 +8,7 @@ from gymnasium import spaces
 
 from orchid_uav.envs.arrays import ACTION_SIZE, OBSERVATION_SIZE, Constants, state_size
 from orchid_uav.envs.channel import backhaul_snr
+from orchid_uav.envs.knowledge.informed import INFORMED_BOUND, INFORMED_SIZE
 from orchid_uav.envs.observation import BACKHAUL_SCALE_DB
 from orchid_uav.envs.parameters import Parameters
 from orchid_uav.envs.units import linear_to_decibel
@@ -16,14 +17,21 @@ _ROUNDING = 1e-6
 
 
 def observation_space(parameters: Parameters, own_size: int | None = None) -> spaces.Box:
-    """Local observation (16,), float32; see ``OBSERVATION_NAMES``.
+    """Local observation (16,), float32; see ``OBSERVATION_NAMES``, or ``INFORMED_NAMES``.
 
-    Everything lies in [0, 1] but the nearest user's distance, at most the diagonal, and the
-    backhaul's margin, whose bounds are those at the nearest and the farthest point of the flight
-    box. With ``own_size``, that many numbers of the caller's own, of which no bounds are known.
+    Of the paper's, everything lies in [0, 1] but the nearest user's distance, at most the
+    diagonal, and the backhaul's margin, whose bounds are those at the nearest and the farthest
+    point of the flight box. With ``own_size``, that many numbers of the caller's own, of which no
+    bounds are known.
     """
     if own_size is not None:
         return spaces.Box(-np.inf, np.inf, (own_size,), np.float32)
+    if parameters.uav.observation == "informed":
+        return spaces.Box(-INFORMED_BOUND, INFORMED_BOUND, (INFORMED_SIZE,), np.float32)
+    return _paper_observation_space(parameters)
+
+
+def _paper_observation_space(parameters: Parameters) -> spaces.Box:
     low = np.zeros(OBSERVATION_SIZE, np.float32)
     high = np.ones(OBSERVATION_SIZE, np.float32)
     high[4] = math.sqrt(2.0) + _ROUNDING
@@ -62,7 +70,7 @@ def action_space() -> spaces.Box:
 
 def state_space(parameters: Parameters) -> spaces.Box:
     """Global state s(t) for the critic, float32: all observations, u_dist, J (decision M19)."""
-    one, uavs = observation_space(parameters), parameters.network.uav_count
+    one, uavs = _paper_observation_space(parameters), parameters.network.uav_count
     context = state_size(uavs) - uavs * OBSERVATION_SIZE
     low = np.concatenate([np.tile(one.low, uavs), np.zeros(context, np.float32)])
     high = np.concatenate([np.tile(one.high, uavs), np.ones(context, np.float32)])

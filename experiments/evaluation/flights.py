@@ -204,8 +204,15 @@ class _Topologies:
     def of(self, contender: Contender) -> tuple[Parameters, Topologies]:
         """The parameters that a method flies with, and its topologies."""
         parameters = self._parameters.with_overrides(dict(contender.overrides))
-        # Reward and shares do not affect what is drawn.
-        kind = parameters.model_dump_json(exclude={"reward": True, "network": {"shares"}})
+        # Of these, nothing affects what is drawn.
+        kind = parameters.model_dump_json(
+            exclude={
+                "reward": True,
+                "sensing": True,
+                "network": {"shares", "failures"},
+                "uav": {"flight", "station", "observation"},
+            }
+        )
         if kind not in self._drawn:
             try:
                 self._drawn[kind] = Topologies.joined(

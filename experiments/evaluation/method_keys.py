@@ -4,6 +4,8 @@ ALL, RULES, LEARNED = "all", "rules", "learned"
 """Groups of methods, for ``--methods``."""
 ZERO = "-zero"
 """Suffix of the key of a learned policy's zero-action twin."""
+SENSED = "-sensed"
+"""Suffix of the key of a rule on stations that begins where Phase I sees the users."""
 
 RELEASED = {
     "orchid": "MAPPO and Reset-and-Finetune: the paper's proposal",
@@ -28,6 +30,15 @@ RULE_IDEAS = {
     "balanced-loiter": "circle the most balanced of 31 K-Means results",
     "track": "K-Means again every 10 s, then circle",
     "planner": "CMA-ES over positions and powers, then circle",
+    "track-120": "track at 120 m",
+    "balanced-loiter-120": "balanced-loiter at 120 m: the twin of policies on stations",
+    "balanced-loiter-120-sensed": "the same, from where Phase I sees the users",
+    "forces": "stations pulled by users and neighbours; six numbers",
+    "forces-sensed": "the same, from where Phase I sees the users",
+    "best-response": "each UAV improves its neighbourhood's utility",
+    "best-response-sensed": "the same, from where Phase I sees the users",
+    "receding-horizon": "all stations searched anew every 5 s, centrally",
+    "receding-horizon-sensed": "the same, from where Phase I sees the users",
     "balanced-loiter-retargeted": "balanced-loiter that also chooses whom to serve; not in all",
     "planner-retargeted": "planner that also chooses whom to serve; not in all",
 }

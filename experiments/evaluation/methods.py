@@ -6,12 +6,16 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from orchid_uav.agents.controllers.best_response import BestResponse
 from orchid_uav.agents.controllers.controller import Controller
+from orchid_uav.agents.controllers.forces import Forces
 from orchid_uav.agents.controllers.heuristics import BalancedLoiter, Hover, Loiter, Track
 from orchid_uav.agents.controllers.learned import ExplorationNoise, Learned, ZeroAction
 from orchid_uav.agents.controllers.planner import EVALUATIONS, Planner
-from orchid_uav.agents.deployed_actor import LocalActor, load_policy
+from orchid_uav.agents.controllers.receding_horizon import RecedingHorizon
+from orchid_uav.agents.deployed_actor import LocalActor, PolicyDescription, load_policy
 from orchid_uav.envs.arrays import ACTION_SIZE, OBSERVATION_SIZE
+from orchid_uav.envs.knowledge.informed import INFORMED_SIZE
 from orchid_uav.experiments.configuration import RunConfig, flatten
 from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.evaluation.method_keys import (
@@ -20,17 +24,22 @@ from orchid_uav.experiments.evaluation.method_keys import (
     RELEASED,
     RULE_IDEAS,
     RULES,
+    SENSED,
     ZERO,
     known_methods,
 )
 from orchid_uav.experiments.runs.records import read_config, read_record, status_of
 from orchid_uav.suggestions import unknown
 
+OBSERVATION_SIZES = {"paper": OBSERVATION_SIZE, "informed": INFORMED_SIZE}
+"""Numbers in a UAV's observation, by `uav.observation`."""
 METHOD_KEYS = (
     "reward.objective",
     "network.shares",
     "deployment.init",
+    "deployment.balanced_on",
     "uav.observation",
+    "uav.flight",
 )
 """Keys that belong to a method rather than to the world that it flies in."""
 
@@ -41,11 +50,17 @@ def method_overrides(objective: str, init: str = "kmeans") -> dict[str, Any]:
         "reward.objective": objective,
         "network.shares": None,
         "deployment.init": init,
+        "deployment.balanced_on": "sensed",
         "uav.observation": "paper",
+        "uav.flight": "direct",
     }
 
 
 _MMF, _PF = method_overrides("mmf"), method_overrides("pf")
+SENSED_STATIONS = method_overrides("mmf", "balanced") | {"uav.flight": "station"}
+"""What rules on stations override, where they begin as Phase I sees the users."""
+STATIONS = SENSED_STATIONS | {"deployment.balanced_on": "exact"}
+"""The same with a start from where the users are, as other rules have it."""
 
 
 class OwnFile(NamedTuple):
@@ -161,6 +176,10 @@ def rules(planner_evaluations: int = EVALUATIONS) -> dict[str, Contender]:
             cost=planning,
         ),
         Contender(
+            "track-120", RULE_IDEAS["track-120"], _MMF, lambda _: Track(altitude_m=120.0), cost=3.0
+        ),
+        *_on_stations(),
+        Contender(
             "balanced-loiter-retargeted",
             RULE_IDEAS["balanced-loiter-retargeted"],
             _MMF,
@@ -178,6 +197,23 @@ def rules(planner_evaluations: int = EVALUATIONS) -> dict[str, Contender]:
         ),
     ]
     return {contender.key: contender for contender in contenders}
+
+
+def _on_stations() -> Iterable[Contender]:
+    """Rules on stations, each from both starts."""
+    rules_on_stations: dict[str, tuple[Callable[[], Controller], float]] = {
+        "balanced-loiter-120": (ZeroAction, 1.0),
+        "forces": (Forces, 2.0),
+        "best-response": (BestResponse, 15.0),
+        "receding-horizon": (RecedingHorizon, 50.0),
+    }
+    for key, (rule, cost) in rules_on_stations.items():
+        for name, overrides in ((key, STATIONS), (key + SENSED, SENSED_STATIONS)):
+            yield Contender(name, RULE_IDEAS[name], overrides, _ignoring_seeds(rule), cost=cost)
+
+
+def _ignoring_seeds(rule: Callable[[], Controller]) -> Callable[[Sequence[int]], Controller]:
+    return lambda _: rule()
 
 
 def groups() -> dict[str, list[str]]:
@@ -316,10 +352,27 @@ def read_policy(path: Path) -> Policy:
     if description is None or description.run not in (run, *record.former_ids):
         of = description.run if description else None
         raise InputError(f"the policy in {path} is that of run {of}")
+    _check_fit(run, actor, description, config)
+    return Policy(actor, run, config, is_complete=status == "completed")
+
+
+def _check_fit(
+    run: str, actor: LocalActor, description: PolicyDescription, config: RunConfig
+) -> None:
+    """Raise InputError where a policy was learned for another observation or flight."""
+    uav = config.uav
+    for name, learned, flown in (
+        ("observation", description.observation or "paper", uav.observation),
+        ("flight", description.flight or "direct", uav.flight),
+    ):
+        if learned != flown:
+            raise InputError(
+                f"run {run} has a policy for {name} = {learned}, and its configuration says {flown}"
+            )
     sizes = (actor.observation_size, actor.action_size)
-    if sizes != (OBSERVATION_SIZE, ACTION_SIZE):
+    wanted = (OBSERVATION_SIZES[uav.observation], ACTION_SIZE)
+    if sizes != wanted:
         raise InputError(
             f"run {run} has a policy of {sizes[0]} observations and {sizes[1]} actions; the "
-            f"environment has {OBSERVATION_SIZE} and {ACTION_SIZE}"
+            f"environment has {wanted[0]} and {wanted[1]}"
         )
-    return Policy(actor, run, config, is_complete=status == "completed")

@@ -42,6 +42,7 @@ _LEARNED: dict[str, _Look] = {
     "maddpg-pf": (_GREEN, "v", _LONG),
     "maddpg-mmf": (_PURPLE, "p", _TWO_DASHES),
     "orchid-tuned": (_BLACK, (8, 1, 0), _SPARSE),
+    "orchid-distilled": (_BLUE, (9, 1, 0), _DASHED),
     "maddpg-pf-paper": (_SKY, (5, 1, 180), _THREE_DOTS),
     "maddpg-mmf-paper": (_VERMILLION, (3, 1, 180), _SHORT),
 }
@@ -57,11 +58,20 @@ _RULES: dict[str, _Look] = {
     "track": (_GREEN, "d", _SPARSE),
     "planner": (_ORANGE, "*", _LONG),
     "planner-retargeted": (_VERMILLION, "*", _DOT),
+    "track-120": (_GREEN, (7, 1, 0), _LONG),
+    "balanced-loiter-120": (_GREY, (5, 0, 180), _LONG),
+    "balanced-loiter-120-sensed": (_GREY, (5, 0, 180), _DOT),
+    "forces": (_PURPLE, (7, 0, 0), _TWO_DASHES),
+    "forces-sensed": (_PURPLE, (7, 0, 0), _SHORT),
+    "best-response": (_VERMILLION, (6, 1, 30), _SOLID),
+    "best-response-sensed": (_VERMILLION, (6, 1, 30), _SHORT),
+    "receding-horizon": (_BLACK, (4, 1, 45), _DASHED),
+    "receding-horizon-sensed": (_BLACK, (4, 1, 45), _SHORT),
 }
 _VARIANTS: dict[str, _Look] = {"base": _LEARNED["orchid"], "no-rf": _LEARNED["orchid-no-rf"]}
 """The names of these two in an ablation."""
 _KNOWN = _LEARNED | _RULES | _VARIANTS
-_HOLLOW = ("-zero", "-full-power", "-retargeted")
+_HOLLOW = ("-zero", "-full-power", "-retargeted", "-sensed")
 # Without the colours of an ablation's base and of its variant without resets.
 _RUN_COLOURS = (_PURPLE, _GREEN, _VERMILLION, _ORANGE, _GREY, _BLACK)
 _RUN_MARKERS = ((4, 1, 0), (6, 1, 0), "8", (3, 1, 0), "H")

@@ -16,7 +16,7 @@ from pathlib import Path
 from statistics import fmean
 
 from orchid_uav.agents.deployed_actor import DESCRIPTION_FILE, WEIGHTS_FILE
-from orchid_uav.envs.metrics import EPISODE_METRICS
+from orchid_uav.envs.metrics import COUNTS, EPISODE_METRICS
 from orchid_uav.experiments.configuration import RunConfig
 from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.provenance import boot_id, describe_host, describe_versions
@@ -56,9 +56,9 @@ EPISODE_COLUMNS = (
     "reset",
 )
 """Columns of ``episodes.csv``."""
-_WHOLE_NUMBERS = frozenset(
-    {"episode", "collisions", "boundary_violations", "backhaul_violations", "reset"}
-)
+LEARNERS_COLUMNS = ("actor_lr", "critic_lr", "entropy_coef")
+"""Those that are empty where a learner has no such thing."""
+_WHOLE_NUMBERS = COUNTS | {"episode", "reset"}
 FINAL_EPISODES = 50
 """How many of the last episodes a run's final metrics are means of."""
 _RESERVE_FILE, _RESERVE_SIZE = ".reserve", 2**16
@@ -372,17 +372,27 @@ def _parsed(text: str) -> list[Row]:
     header, *lines = text.split("\n")
     if header != ",".join(EPISODE_COLUMNS) or not lines or lines.pop():
         raise ValueError("the log of episodes has other columns, or ends in the middle of a row")
-    rows = [dict(zip(EPISODE_COLUMNS, map(float, line.split(",")), strict=True)) for line in lines]
+    rows = [
+        dict(zip(EPISODE_COLUMNS, map(_number, line.split(",")), strict=True)) for line in lines
+    ]
     if [row["episode"] for row in rows] != list(range(1, len(rows) + 1)):
         raise ValueError("the log of episodes lacks some episodes")
     return rows
 
 
+def _number(text: str) -> float:
+    """A cell's number; NaN where it is empty, as its column does not apply to the learner."""
+    return float(text) if text else math.nan
+
+
 def _formatted(row: Mapping[str, float]) -> list[str]:
-    return [
-        str(int(row[column])) if column in _WHOLE_NUMBERS else repr(float(row[column]))
-        for column in EPISODE_COLUMNS
-    ]
+    return [_text(column, row[column]) for column in EPISODE_COLUMNS]
+
+
+def _text(column: str, value: float) -> str:
+    if math.isnan(value) and column in LEARNERS_COLUMNS:
+        return ""
+    return str(int(value)) if column in _WHOLE_NUMBERS else repr(float(value))
 
 
 def _new_directory(runs_dir: Path, prefix: str, config: RunConfig) -> Path:

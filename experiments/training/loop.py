@@ -1,18 +1,18 @@
 """One training run, from its configuration to a complete run directory."""
 
+import math
 import re
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from stable_baselines3.common.logger import Logger
 
 from orchid_uav.agents.deployed_actor import policy_files
-from orchid_uav.agents.maddpg.maddpg import MADDPG
-from orchid_uav.agents.mappo.mappo import MAPPO
 from orchid_uav.callbacks import (
     Checkpoints,
     EpisodeCallback,
@@ -37,10 +37,21 @@ from orchid_uav.experiments.training.builders import (
     set_up_torch,
 )
 from orchid_uav.experiments.training.checkpoints import STATE_ERRORS, CheckpointStore
+from orchid_uav.experiments.training.imitation import Imitation, build_dagger
 from orchid_uav.experiments.training.listeners import Reporter
 from orchid_uav.experiments.training.state import Training
 from orchid_uav.experiments.training.trackers import SafeTracker
 from orchid_uav.notices import in_one_line, kind_and_reason
+
+
+class LearnedPolicy(NamedTuple):
+    """What a learner leaves behind."""
+
+    layers: Sequence[tuple[NDArray[np.float32], NDArray[np.float32]]]
+    """(weight (out, in), bias (out,)) of every layer of the actor, in order."""
+    log_std: NDArray[np.float32]
+    """Log standard deviation (4,) of the noise used in training."""
+
 
 _LONGEST_REASON = 300
 _ESCAPE_CODE = re.compile(r"\x1b\[[0-9;]*m")  # numba colours its messages
@@ -117,8 +128,9 @@ def train(
         with (
             interruption_requests() if interruption is None else nullcontext(interruption) as noted
         ):
-            model = _learn(config, outcome, reporter, trackers, noted)
-            run.write_policy(_describe_policy(config, outcome, model))
+            learn = _imitate if config.training.algorithm == "dagger" else _learn
+            learned = learn(config, outcome, reporter, trackers, noted)
+            run.write_policy(_describe_policy(config, outcome, learned))
             is_complete = len(outcome.rows) == config.training.episodes
             outcome.finish("completed" if is_complete else "interrupted")
     except (KeyboardInterrupt, SystemExit):
@@ -157,7 +169,7 @@ def _learn(
     reporter: Reporter,
     trackers: Sequence[SafeTracker],
     interruption: Interruption,
-) -> MAPPO | MADDPG:
+) -> LearnedPolicy:
     """Build the learner, restore it if the run is resumed, and train it; update ``outcome``."""
     set_up_torch(config.training.threads)
     run = outcome.run
@@ -226,11 +238,54 @@ def _learn(
     finally:
         outcome.seconds = time.perf_counter() - started
         reporter.end()
-    return model
+    return LearnedPolicy(model.policy.actor_layers(), model.exploration_log_std())
+
+
+def _imitate(
+    config: RunConfig,
+    outcome: TrainingOutcome,
+    reporter: Reporter,
+    trackers: Sequence[SafeTracker],
+    interruption: Interruption,
+) -> LearnedPolicy:
+    """As :func:`_learn`, for a learner that has no use for SB3."""
+    set_up_torch(config.training.threads)
+    run, episodes = outcome.run, config.training.episodes
+    _compile(config)
+    learner = build_dagger(config)
+    checkpoints = CheckpointStore(run.path, run.id, config.checkpoint.keep, run.record.former_ids)
+    training = Imitation(learner, checkpoints)
+    if run.is_resumed:
+        outcome.rows = _go_back(training, checkpoints, run, reporter)
+        outcome.seconds = run.record.seconds
+        outcome.is_restored = True
+        for tracker in trackers:
+            tracker.resume(len(outcome.rows))
+    reporter.begin(run, config, outcome.rows, outcome.reset_episodes)
+    started = time.perf_counter() - outcome.seconds
+    try:
+        while learner.iteration < episodes and not interruption.requested:
+            row = training.iterate()
+            run.append_episodes([row])
+            outcome.rows.append(row)
+            metrics = {name: value for name, value in row.items() if not math.isnan(value)}
+            for tracker in trackers:
+                tracker.log(learner.iteration, _metrics(metrics, {"train/loss": learner.loss}))
+            reporter.show([row], outcome.reset_episodes)
+            if learner.iteration % config.checkpoint.every_episodes == 0:
+                training.save(run.sync_episodes())
+        training.save(run.sync_episodes())
+    finally:
+        outcome.seconds = time.perf_counter() - started
+        reporter.end()
+    return LearnedPolicy(learner.actor_layers(), learner.exploration_log_std())
 
 
 def _go_back(
-    training: Training, checkpoints: CheckpointStore, run: RunDirectory, reporter: Reporter
+    training: Training | Imitation,
+    checkpoints: CheckpointStore,
+    run: RunDirectory,
+    reporter: Reporter,
 ) -> list[Row]:
     """Restore the latest undamaged checkpoint and return the rows of the episodes up to it."""
     for episode in checkpoints.episodes():
@@ -260,16 +315,17 @@ def _metrics(row: Row, learner: Mapping[str, Any]) -> dict[str, float]:
 
 
 def _describe_policy(
-    config: RunConfig, outcome: TrainingOutcome, model: MAPPO | MADDPG
+    config: RunConfig, outcome: TrainingOutcome, learned: LearnedPolicy
 ) -> dict[str, bytes]:
     return policy_files(
-        model.policy.actor_layers(),
-        model.exploration_log_std(),
+        learned.layers,
+        learned.log_std,
         {
             "run": outcome.run.id,
             "algorithm": config.training.algorithm,
             "objective": config.reward.objective,
             "observation": config.uav.observation,
+            "flight": config.uav.flight,
             "episodes": len(outcome.rows),
         },
     )

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from orchid_uav.envs.keys import unit_of, values_of
-from orchid_uav.envs.parameters import FORMER_KEYS
+from orchid_uav.envs.parameters import FORMER_KEYS, fields_by_key
 from orchid_uav.experiments.configuration import PRESETS, RunConfig
 from studies.pages.ablation import ABLATION_BLOCKS, draw_ablations
 from studies.pages.deployment import draw_deployment
@@ -29,7 +29,7 @@ def configuration_page() -> str:
         "# Configuration",
         "",
         "Every key with its default, unit, range and meaning; the defaults are the paper's (preset",
-        "`paper`). M1 … M37 are the [decisions](model.md#decisions) on what the paper leaves open.",
+        "`paper`). M1 … M42 are the [decisions](model.md#decisions) on what the paper leaves open.",
         "Ranges include both ends; `3 × 0..10` are three numbers, each within 0..10. They are wide",
         "on purpose: a run with any values within them is flown with finite numbers.",
         "",
@@ -56,10 +56,10 @@ def configuration_page() -> str:
         model = type(info.default)
         lines += ["", f"## {section}", "", (model.__doc__ or "").strip(), ""]
         lines += ["| key | default | unit | values | meaning |", "|---|---|---|---|---|"]
-        for field, description in model.model_fields.items():
+        for key, field in fields_by_key(model).items():
             lines.append(
-                f"| `{section}.{field}` | {_default(description.default)} | {unit_of(field)} "
-                f"| {values_of(description, quote='`')} | {description.description} |"
+                f"| `{section}.{key}` | {_default(field.default)} | {unit_of(key)} "
+                f"| {values_of(field, quote='`')} | {field.description} |"
             )
     lines += ["", "## Former names", "", "Files and commands of earlier versions are still read."]
     lines += ["", "| then | now |", "|---|---|"]

@@ -18,11 +18,9 @@ from orchid_uav.agents.controllers.heuristics import (
     Loiter,
     Track,
     bank_angle_deg,
-    circling_displacement_m,
-    loiter_speed_mps,
 )
 from orchid_uav.agents.controllers.learned import ExplorationNoise, Learned, ZeroAction
-from orchid_uav.envs import Parameters, WorldBatch, evaluation_seeds
+from orchid_uav.envs import Parameters, WorldBatch, evaluation_seeds, kinematics
 from orchid_uav.envs.deployment import kmeans_centroids
 from orchid_uav.envs.metrics import (
     BOUNDARY_VIOLATIONS,
@@ -31,6 +29,7 @@ from orchid_uav.envs.metrics import (
     LOAD_JFI,
     RATE_JFI,
 )
+from orchid_uav.envs.propulsion import circling_speed_mps
 from orchid_uav.envs.world import Topologies
 
 WALKING = {"network.user_speed_mps": 15.0, "network.heading_hold_s": 20.0}
@@ -339,7 +338,7 @@ class TestLoiter:
             bracket=(10.0, 14.0, 18.0),
             tol=1e-10,
         )
-        speed_mps = loiter_speed_mps(drawn())
+        speed_mps = circling_speed_mps(drawn().parameters)
         assert speed_mps == pytest.approx(found.x, abs=1e-3)
         assert speed_mps == pytest.approx(14.25, abs=0.05)
         power_w = independent.level_propulsion_power_w(setting, speed_mps)
@@ -386,7 +385,9 @@ class TestLoiter:
         world = drawn(2, {"displacement_scale_m": scale_m})
         method = Loiter()
         fly(method, world, 40)
-        assert method.speed_mps == pytest.approx(speed_mps or loiter_speed_mps(drawn()))
+        assert method.speed_mps == pytest.approx(
+            speed_mps or circling_speed_mps(drawn().parameters)
+        )
         relative_m = world.arrays.positions_m[..., :2] - method.centres_m
         np.testing.assert_allclose(np.linalg.norm(relative_m, axis=-1), 40.0, atol=1e-6)
         speeds_mps = np.linalg.norm(world.arrays.velocities_mps, axis=-1)
@@ -411,7 +412,7 @@ class TestLoiter:
         method = Loiter()
         fly(method, world, 50)
         speeds_mps = np.linalg.norm(world.arrays.velocities_mps, axis=-1)
-        np.testing.assert_allclose(speeds_mps, loiter_speed_mps(drawn()), atol=1e-6)
+        np.testing.assert_allclose(speeds_mps, circling_speed_mps(drawn().parameters), atol=1e-6)
 
     @pytest.mark.parametrize("radius_m", [0.0, -1.0, float("nan")])
     def test_refuses_what_is_no_radius(self, radius_m):
@@ -428,6 +429,14 @@ class TestLoiter:
         world = drawn(3, {"area_m": 60.0, "uav_count": 2})
         fly(Loiter(), world, 60)
         assert world.arrays.episode_sums[:, 1 + BOUNDARY_VIOLATIONS].sum() == 0
+
+
+def circling_displacement_m(relative_m, radius_m, step_m):
+    """The move as one array (..., 2)."""
+    moves_m = kinematics.circling_displacement_m(
+        relative_m[..., 0], relative_m[..., 1], radius_m, *kinematics.chord(radius_m, step_m)
+    )
+    return np.stack(moves_m, axis=-1)
 
 
 class TestCircling:

@@ -12,6 +12,7 @@ from pydantic import ValidationError
 from orchid_uav.envs import Parameters, WorldBatch
 from orchid_uav.envs.interfaces.spaces import observation_space, state_space
 from orchid_uav.envs.keys import values_of
+from orchid_uav.envs.parameters import fields_by_key
 
 FEW = {"network.user_count": 6, "network.uav_count": 3, "deployment.n_init": 3}
 """Greatest numbers of what only costs time."""
@@ -103,6 +104,9 @@ def test_objective_sets_the_shares_unless_they_are_given():
 
 def values_within(key: str, text: str) -> st.SearchStrategy[Any]:
     """What a key may hold, from the text that tells its range: often an end of it."""
+    if key == "network.failures":
+        slots = st.tuples(st.integers(0, 2), st.integers(0, 3), st.integers(4, 9))
+        return st.lists(slots.map(lambda one: f"{one[0]}@{one[1]}-{one[2]}"), max_size=3)
     text, _, optional = text.partition(" or ")
     count, _, inner = text.rpartition(" × ")
     if count:
@@ -126,15 +130,10 @@ def values_within(key: str, text: str) -> st.SearchStrategy[Any]:
 
 
 def default_of(key: str) -> Any:
-    section, field = key.split(".")
-    return getattr(getattr(Parameters(), section), field)
+    return fields_by_key(Parameters)[key].default
 
 
-RANGES = {
-    f"{section}.{field}": values_of(declared)
-    for section, info in Parameters.model_fields.items()
-    for field, declared in type(info.default).model_fields.items()
-}
+RANGES = {key: values_of(field) for key, field in fields_by_key(Parameters).items()}
 
 
 class TestExtremes:
@@ -175,7 +174,7 @@ class TestExtremes:
                 world.step(actions)
             for name, array in world.arrays._asdict().items():
                 assert np.isfinite(array).all(), name
-            assert all(own.contains(row) for row in world.arrays.observations[0])
+            assert all(own.contains(row) for row in world.observations()[0])
             assert joint.contains(world.arrays.states[0])
             for name, array in world.snapshot().items():
                 assert np.isfinite(array).all(), name

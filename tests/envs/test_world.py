@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 import tests.helpers.independent_network as independent
 from orchid_uav.envs import Parameters, WorldBatch, channel, evaluation_seeds, world_seeds
 from orchid_uav.envs.metrics import EPISODE_METRICS, SLOT_METRICS
+from orchid_uav.envs.parameters import fields_by_key
 
 CROWDED = {"network.area_m": 400.0, "uav.min_separation_m": 120.0}
 WEAK_BACKHAUL = {"gbs.transmit_power_dbm": -12.0}
@@ -476,7 +477,7 @@ def test_every_parameter_of_the_network_acts():
     """Changing any parameter changes some number, so none is read from a default by mistake."""
     shown_elsewhere = {
         "network.episode_slots",  # the time limit: see the environments' tests
-        "uav.observation",  # one value so far
+        "uav.observation",  # what is seen, not what happens: see the tests of observations
         "rotor.mass_kg",  # acts with climb_power: below
     }
     others = {  # where 1.3 times the value would be invalid, or too little to matter
@@ -504,7 +505,10 @@ def test_every_parameter_of_the_network_acts():
         "uav.min_transmit_power_w": 0.145,
         "channel.required_snr_db": 45.0,
         "channel.backhaul_required_snr_db": 48.0,
+        "network.failures": ["0@5"],
+        "uav.flight": "station",
     }
+    crowded = {"network.area_m": 2000.0, "network.sensing_error_std_m": 300.0}
     base = {
         "network.user_speed_mps": 2.0,
         "network.area_m": 300.0,
@@ -530,13 +534,19 @@ def test_every_parameter_of_the_network_acts():
 
     reference = fly({})
     log_rates = fly({"reward.objective": "pf"})
-    for section, info in Parameters.model_fields.items():
-        for field in type(info.default).model_fields:
-            key = f"{section}.{field}"
-            if key == "reward.log_rate_floor_bps":
-                assert fly({"reward.objective": "pf", key: 2e4}) != log_rates, key
-            elif key not in shown_elsewhere:
-                old = base.get(key, getattr(getattr(Parameters(), section), field))
-                assert fly({key: others.get(key) or scaled(old) or 3.0}) != reference, key
+    stations = {"uav.flight": "station", "network.area_m": 600.0}
+    on_stations, balanced = fly(stations), fly({"deployment.init": "balanced", **crowded})
+    for key, field in fields_by_key(Parameters).items():
+        if key == "reward.log_rate_floor_bps":
+            assert fly({"reward.objective": "pf", key: 2e4}) != log_rates, key
+        elif key.startswith("uav.station."):
+            new = 119.0 if key.endswith("altitude_m") else 0.9 * field.default
+            assert fly({**stations, key: new}) != on_stations, key
+        elif key.startswith("deployment.balanced_"):
+            new = 0 if key.endswith("restarts") else "exact"
+            assert fly({"deployment.init": "balanced", **crowded, key: new}) != balanced, key
+        elif key not in shown_elsewhere:
+            old = base.get(key, field.default)
+            assert fly({key: others.get(key) or scaled(old) or 3.0}) != reference, key
     climbing = fly({"rotor.climb_power": True})
     assert fly({"rotor.climb_power": True, "rotor.mass_kg": 9.0}) != climbing

@@ -357,8 +357,9 @@ class TestFamilies:
             "Learned policies and their zero-action twins (1 of 3)",
             "Learned policies and their zero-action twins (2 of 3)",
             "Learned policies and their zero-action twins (3 of 3)",
-            "Rules and planners (1 of 2)",
-            "Rules and planners (2 of 2)",
+            "Rules and planners (1 of 3)",
+            "Rules and planners (2 of 3)",
+            "Rules and planners (3 of 3)",
         ]
         shown = legends(figure)
         learned, rules = shown[:3], shown[3:]

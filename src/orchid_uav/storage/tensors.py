@@ -17,6 +17,7 @@ _TYPES = {
     "U8": np.uint8,
     "I64": np.int64,
     "U64": np.uint64,
+    "F16": np.float16,
     "F32": np.float32,
     "F64": np.float64,
 }

@@ -1,0 +1,1 @@
+"""What UAVs know in flight, and what they can conclude from it."""

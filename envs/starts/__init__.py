@@ -1,0 +1,1 @@
+"""Where UAVs begin, beyond the Phase I of the paper."""
