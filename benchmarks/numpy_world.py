@@ -102,6 +102,8 @@ def _move_uavs(constants: Constants, worlds: Worlds, actions: Floats) -> None:
     np.subtract(position_m, worlds.positions_m, out=worlds.velocities_mps)
     worlds.velocities_mps[:] /= constants.slot_s
     worlds.positions_m[:] = position_m
+    worlds.stations_m[:] = position_m[..., :2]  # in direct flight a UAV is its own station
+    worlds.station_velocities_mps[:] = worlds.velocities_mps[..., :2]
     worlds.transmit_powers_w[:] = clipped(
         worlds.transmit_powers_w + constants.power_step_w * wanted[..., 3],
         constants.min_transmit_power_w,

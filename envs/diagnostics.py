@@ -51,13 +51,15 @@ class Diagnostics:
         self._world = world
         self._inspect = world.specialised(inspect_worlds)
         self._sums = np.zeros((world.world_count, len(DIAGNOSTIC_METRICS)))
+        self._slots = 0
         self._last_velocities_mps = np.zeros_like(world.arrays.velocities_mps)
         self._gbs: tuple[Floats, Floats, Floats] | None = None
 
     def begin(self) -> None:
-        """Forget the last episode."""
+        """Forget the last episode, or the slots of this one so far."""
         self._sums[:] = 0.0
-        self._last_velocities_mps[:] = 0.0
+        self._slots = 0
+        self._last_velocities_mps[:] = self._world.arrays.velocities_mps
         self._gbs = None
 
     def observe(self) -> None:
@@ -71,6 +73,7 @@ class Diagnostics:
             )
         )
         self._last_velocities_mps[:] = arrays.velocities_mps
+        self._slots += 1
         if self._gbs is None or world.parameters.network.user_speed_mps > 0.0:
             self._gbs = _gbs_metrics(world)
         utility = final_utility(
@@ -89,7 +92,7 @@ class Diagnostics:
 
     def episode_metrics(self, world: int) -> dict[str, float]:
         """Means over the slots so far, by the names of ``DIAGNOSTIC_METRICS``."""
-        means = self._sums[world] / max(int(self._world.arrays.slot[world]), 1)
+        means = self._sums[world] / max(self._slots, 1)
         return dict(zip(DIAGNOSTIC_METRICS, means.tolist(), strict=True))
 
 

@@ -7,21 +7,21 @@ its description here and in docs/configuration.md.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal
 
-from pydantic import (
-    BaseModel,
-    BeforeValidator,
-    ConfigDict,
-    Field,
-    ValidationError,
-    ValidationInfo,
-    field_validator,
-    model_validator,
+from pydantic import ValidationError, model_validator
+
+from orchid_uav.envs.keys import (
+    Flag,
+    Section,
+    by_key,
+    describe_error,
+    fields_by_key,
+    in_sections,
+    with_current_keys,
+    within,
 )
-from pydantic.fields import FieldInfo
-
-from orchid_uav.envs.keys import Flag, Form, unit_of, values_of, within
+from orchid_uav.envs.knowledge.outages import Failure, Outage
 from orchid_uav.suggestions import unknown
 
 Distance = Annotated[float, within(0.0, 1e6)]
@@ -42,124 +42,11 @@ RequiredSnr = Annotated[float, within(-100.0, 200.0)]
 """In dB; far below, the spectral efficiency of a link that is served would round to 0."""
 Weight = Annotated[float, within(0.0, 1e6)]
 Pair = tuple[Weight, Weight]
-Failure = Annotated[str, Field(pattern=r"^\d{1,4}@\d{1,7}(-\d{1,7})?$"), Form("UAV@slot[-slot]")]
-"""Slots in which a UAV is not in service."""
 Distribution = Literal["tcp", "uniform"]
 Start = Literal["kmeans", "balanced", "random"]
 Objective = Literal["mmf", "pf"]
 Observation = Literal["paper", "informed"]
 Flight = Literal["direct", "station"]
-
-
-FORMER_KEYS = {"reward.shares": "network.shares"}
-"""Names that keys had in earlier versions; files and commands may still have them."""
-
-
-def with_current_keys(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Values by ``"section.key"``, or sections of values by key, under the names of today.
-
-    Raises:
-        ValueError: a key is given under its former and its present name, with different values.
-    """
-    renamed = dict(values)
-
-    def move(source: dict[str, Any], former: str, target: dict[str, Any], key: str) -> None:
-        value = source.pop(former)
-        if target.setdefault(key, value) != value:
-            raise ValueError(f"{former} is {key} now: {value!r} and {target[key]!r} are given")
-
-    for former, key in FORMER_KEYS.items():
-        if former in renamed:
-            move(renamed, former, renamed, key)
-        (old, old_field), (new, new_field) = former.split("."), key.split(".")
-        source, target = renamed.get(old), renamed.get(new, {})
-        if isinstance(source, Mapping) and old_field in source and isinstance(target, Mapping):
-            renamed |= {old: dict(source), new: dict(target)}
-            move(renamed[old], old_field, renamed[new], new_field)
-    return renamed
-
-
-def _renamed(values: Any) -> Any:
-    return with_current_keys(values) if isinstance(values, Mapping) else values
-
-
-CURRENT_KEYS = BeforeValidator(_renamed)
-"""What a field is annotated with that holds keys and values: former keys are read as well."""
-
-
-class Section(BaseModel):
-    """One section of the configuration: frozen, without unknown keys, all numbers finite."""
-
-    model_config = ConfigDict(
-        frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True
-    )
-
-    @field_validator("*", mode="before")
-    @classmethod
-    def _truth_is_no_number(cls, value: Any, info: ValidationInfo) -> Any:
-        # pydantic would take "uav_count = true" for 1.
-        values = value if isinstance(value, list | tuple) else [value]
-        expects_truth = cls.model_fields[str(info.field_name)].annotation is bool
-        if any(isinstance(one, bool) for one in values) and not expects_truth:
-            raise ValueError("true and false are no values of this key")
-        return value
-
-
-def fields_by_key(model: type[BaseModel]) -> dict[str, FieldInfo]:
-    """The fields of a model's sections, and of the sections in these, by ``"section.key"``."""
-    found: dict[str, FieldInfo] = {}
-    for name, field in model.model_fields.items():
-        if isinstance(field.default, Section):
-            inner = fields_by_key(type(field.default))
-            found |= {f"{name}.{key}": one for key, one in inner.items()}
-        else:
-            found[name] = field
-    return found
-
-
-def by_key(sections: Mapping[str, Any]) -> dict[str, Any]:
-    """Values by ``"section.key"`` of sections in each other."""
-    flat: dict[str, Any] = {}
-    for name, value in sections.items():
-        if isinstance(value, Mapping):
-            flat |= {f"{name}.{key}": inner for key, inner in by_key(value).items()}
-        else:
-            flat[name] = value
-    return flat
-
-
-def in_sections(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Sections in each other, of values by ``"section.key"``."""
-    sections: dict[str, Any] = {}
-    for key, value in values.items():
-        *path, field = key.split(".")
-        section = sections
-        for name in path:
-            section = section.setdefault(name, {})
-        section[field] = value
-    return sections
-
-
-class Outage(NamedTuple):
-    """Slots in which a UAV is not in service."""
-
-    uav: int
-    """Index of the UAV."""
-    first_slot: int
-    """The first of them."""
-    end_slot: int
-    """The slot in which it joins again."""
-
-    @classmethod
-    def read(cls, text: str) -> Outage:
-        """Read one of `network.failures`."""
-        uav, _, slots = text.partition("@")
-        first, _, end = slots.partition("-")
-        return cls(int(uav), int(first), int(end) if end else NEVER)
-
-
-NEVER = 2**62
-"""A slot that no episode reaches."""
 
 
 class NetworkParameters(Section):
@@ -506,7 +393,7 @@ class Parameters(Section):
     @model_validator(mode="before")
     @classmethod
     def _of_any_version(cls, values: Any) -> Any:
-        return _renamed(values)
+        return with_current_keys(values) if isinstance(values, Mapping) else values
 
     @model_validator(mode="after")
     def _room_for_a_random_start(self) -> Parameters:
@@ -611,39 +498,3 @@ class Parameters(Section):
             choices = ", ".join(f"'{key}'" for key in sorted(found))
             raise ValueError(f"'{name}' is one of several: {choices}")
         return found[0]
-
-
-def describe_error(error: ValidationError, model: type[BaseModel]) -> tuple[str, str]:
-    """The key that the first of pydantic's complaints is about, and the complaint in one line.
-
-    Args:
-        error: of validating a ``model``.
-        model: consists of sections.
-
-    Returns:
-        The key is that of a section, or none, where the complaint is about several values.
-    """
-    first = error.errors()[0]
-    location = [str(part) for part in first["loc"]]
-    message = first["msg"].removeprefix("Value error, ")
-    fields = fields_by_key(model)
-    paths = (".".join(location[:count]) for count in range(len(location), 0, -1))
-    key = next((path for path in paths if path in fields), "")
-    if not key and (len(location) < 2 or first["type"] == "value_error"):
-        section = ".".join(location)
-        return section, f"{section}: {message}" if location else message
-    told = message.lower()
-    if key and first["type"] in _OUT_OF_RANGE:
-        values = values_of(fields[key])
-        if "than" in first["type"]:  # a number, perhaps one of several
-            values = "within " + values.rpartition("× ")[2]
-        told = f"not {values} {unit_of(key)}".rstrip()
-    key = key or ".".join(location)
-    return key, f"{key} = {first['input']!r}: {told}"
-
-
-_OUT_OF_RANGE = {
-    *("greater_than", "greater_than_equal", "less_than", "less_than_equal"),
-    *("missing", "too_short", "too_long"),
-}
-"""Pydantic's complaints about a number, or about how many there are."""

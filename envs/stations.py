@@ -11,7 +11,7 @@ from numba import njit
 
 from orchid_uav.envs.arrays import Constants, Floats, Worlds
 from orchid_uav.envs.kinematics import circling_displacement_m, clipped, displacement_factor
-from orchid_uav.envs.parameters import NEVER
+from orchid_uav.envs.knowledge.outages import NEVER
 from orchid_uav.envs.units import SMALLEST_NORMAL
 
 

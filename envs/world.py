@@ -132,6 +132,7 @@ class WorldBatch:
         """How far each UAV starts from where it was put, as stations keep apart (M38), (B, N)."""
         self.arrays.slot[:] = parameters.network.episode_slots  # no episode has begun
         self._shadowing_db = np.zeros((worlds, self.user_count))
+        self._forgotten_slots = np.zeros(worlds, np.int64)
         self.generators = [np.random.default_rng(0)] * worlds
         self.seed(seed)
         if self._observe is not None:
@@ -260,6 +261,7 @@ class WorldBatch:
         return generator.normal(0.0, std_m, (2, self.user_count))
 
     def _begin(self, chosen: NDArray[np.int64]) -> None:
+        self._forgotten_slots[chosen] = 0
         links = self.uav_count * self.user_count
         run_each(
             lambda part: self._begin_episodes(self.constants, self.arrays, chosen[part]),
@@ -440,10 +442,15 @@ class WorldBatch:
     def episode_metrics(self, world: int) -> dict[str, float]:
         """An episode's metrics so far, by the names of ``EPISODE_METRICS``."""
         sums = self.arrays.episode_sums[world]
-        slots = max(int(self.arrays.slot[world]), 1)
+        slots = max(int(self.arrays.slot[world] - self._forgotten_slots[world]), 1)
         return dict(
             zip(EPISODE_METRICS, np.where(_IS_SUMMED, sums, sums / slots).tolist(), strict=True)
         )
+
+    def forget_metrics(self) -> None:
+        """Let the metrics of all episodes begin here, as if no slot had been flown."""
+        self.arrays.episode_sums[:] = 0.0
+        self._forgotten_slots[:] = self.arrays.slot
 
     def slot_metrics(self, world: int) -> dict[str, float]:
         """The last slot's fleet metrics, by the names of ``SLOT_METRICS``."""

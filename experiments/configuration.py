@@ -10,21 +10,22 @@ from typing import Annotated, Any, Literal, NamedTuple
 from pydantic import Field, ValidationError, model_validator
 from pydantic.fields import FieldInfo
 
-from orchid_uav.envs.keys import Flag, flag_of, holds_several, within
-from orchid_uav.envs.parameters import (
-    NetworkParameters,
-    Pair,
-    Parameters,
+from orchid_uav.envs.keys import (
+    Flag,
     Section,
-    Weight,
     by_key,
     describe_error,
     fields_by_key,
+    flag_of,
+    holds_several,
     in_sections,
     with_current_keys,
+    within,
 )
+from orchid_uav.envs.parameters import NetworkParameters, Pair, Parameters, Weight
 from orchid_uav.experiments.configuration_files import read_configuration
 from orchid_uav.experiments.errors import InputError
+from orchid_uav.experiments.presets import ALGORITHM_DEFAULTS, PRESETS
 from orchid_uav.suggestions import unknown
 
 Fraction = Annotated[float, within(0.0, 1.0)]
@@ -255,45 +256,6 @@ LEARNING_SECTIONS = tuple(RunConfig.model_fields)[len(Parameters.model_fields) :
 """Sections on learning; the others define the world."""
 
 
-class Preset(NamedTuple):
-    """A built-in configuration."""
-
-    idea: str
-    """What it is for."""
-    sections: Mapping[str, Mapping[str, Any]]
-    """Differences from the defaults, which are the paper's."""
-
-
-PRESETS = {
-    "paper": Preset("the paper's run, two to five minutes of one core", {}),
-    "quick": Preset(
-        "a run of half a minute, on a slow core of one, for trying things: the paper's network, "
-        "fewer episodes, and a Reset-and-Finetune that leaves more than half of them after a reset",
-        {
-            "reset": {"window": 20},
-            "checkpoint": {"every_episodes": 20},
-            "training": {"episodes": 100},
-        },
-    ),
-    "distilled": Preset(
-        "a policy on stations that imitates best response and knows less than it, some twelve "
-        "minutes of one core",
-        {
-            "uav": {"flight": "station", "observation": "informed"},
-            "deployment": {"init": "balanced"},
-            "training": {"algorithm": "dagger", "episodes": 400, "worlds": 20},
-        },
-    ),
-}
-"""Configurations to begin with, by name."""
-
-ALGORITHM_DEFAULTS: dict[str, dict[str, Any]] = {
-    "maddpg": {"reset.enabled": False},
-    "dagger": {"reset.enabled": False},
-}
-"""Other defaults for an algorithm: Reset-and-Finetune belongs to ORCHID."""
-
-
 class Layer(NamedTuple):
     """Some values of a configuration and where they come from."""
 
@@ -367,9 +329,8 @@ def assignment_layer(assignments: Iterable[str], option: str = "--set") -> Layer
             raise InputError(f"{option} {assignment} is not of the form section.key=value")
         key, text = key.strip(), text.strip()
         takes_list = key in _LISTS and not text.startswith("[")
-        values[key] = (
-            [_parse(part.strip()) for part in text.split(",")] if takes_list else _parse(text)
-        )
+        parts = text.split(",") if text else []
+        values[key] = [_parse(part.strip()) for part in parts] if takes_list else _parse(text)
     return Layer(option, _with_current_keys(values, option))
 
 

@@ -98,7 +98,7 @@ def assignments(ctx: typer.Context, incomplete: str) -> list[str]:
 @_silent
 def presets(ctx: typer.Context, incomplete: str) -> list[str]:
     """Names of presets, for ``--preset``."""
-    from orchid_uav.experiments.configuration import PRESETS
+    from orchid_uav.experiments.presets import PRESETS
 
     return list(PRESETS)
 

@@ -17,7 +17,6 @@ from orchid_uav.envs.keys import allows_zero, choices_of, holds_several, type_of
 from orchid_uav.experiments.configuration import (
     FLAGS,
     LEARNING_SECTIONS,
-    PRESETS,
     Layer,
     RunConfig,
     assignment_layer,
@@ -27,6 +26,7 @@ from orchid_uav.experiments.configuration import (
     preset_layer,
 )
 from orchid_uav.experiments.errors import InputError
+from orchid_uav.experiments.presets import PRESETS
 
 _DECISIONS = re.compile(r" \(M\d+(, M\d+)*\)")
 """References to docs/model.md, which are useless on a terminal."""

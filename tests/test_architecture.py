@@ -33,7 +33,7 @@ LIBRARIES = {
         "sklearn",
     }
     | {"stable_baselines3", "supersuit", "threadpoolctl"},
-    "agents": {"cma", "gymnasium", "numpy", "pydantic", "safetensors", "scipy"}
+    "agents": {"cma", "gymnasium", "numba", "numpy", "pydantic", "safetensors", "scipy"}
     | {"stable_baselines3", "torch"},
     "callbacks": {"stable_baselines3", "torch"},
     "experiments": {"filelock", "matplotlib", "mlflow", "numpy", "pyarrow", "pydantic", "scipy"}
@@ -44,7 +44,7 @@ LIBRARIES = {
 
 STOREYS = (
     {"configuration", "configuration_files", "errors", "interruption", "metrics", "output"}
-    | {"provenance"},
+    | {"presets", "provenance"},
     {"jobs", "statistics"},
     {"figures", "runs"},
     {"evaluation", "training"},

@@ -67,6 +67,9 @@ def answer_worlds(
     utilities = np.empty(len(moves_m))
     for world in range(len(worlds.slot)):
         for uav in range(worlds.positions_m.shape[1]):
+            wanted_m[world, uav] = 0.0
+            if not worlds.in_service[world, uav]:
+                continue
             judge(
                 constants,
                 worlds,

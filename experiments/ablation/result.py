@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import JsonValue
 
-from orchid_uav.envs.parameters import CURRENT_KEYS
+from orchid_uav.envs.keys import CURRENT_KEYS
 from orchid_uav.experiments.runs.records import SeenStatus
 from orchid_uav.experiments.statistics.comparison import Comparison, SeedSummary
 from orchid_uav.experiments.statistics.curves import CurveTable

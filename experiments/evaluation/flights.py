@@ -81,6 +81,8 @@ class Plan:
     episodes: int
     seed: int
     world: Parameters
+    first_slot: int = 1
+    """Metrics are those of the slots from this one on."""
 
     def flights(self) -> Iterator["Flight"]:
         """All flights, setting by setting."""
@@ -241,7 +243,9 @@ def _fly(
         some = all_topologies.chosen(slice(first, first + len(seeds)))
         first += len(seeds)
         cost = _cost(flight) * len(seeds) / plan.episodes
-        batch = _fly_batch(flight.contender, parameters, some, seeds, progress, cost, heed_stop)
+        batch = _fly_batch(
+            flight.contender, parameters, some, seeds, plan.first_slot, progress, cost, heed_stop
+        )
         parts.append(batch)
     return {name: np.concatenate([part[name] for part in parts]) for name in EVALUATION_METRICS}
 
@@ -257,6 +261,7 @@ def _fly_batch(
     parameters: Parameters,
     topologies: Topologies,
     seeds: Sequence[int],
+    first_slot: int,
     progress: FlightProgress,
     cost: float,
     heed_stop: Callable[[], None],
@@ -275,8 +280,11 @@ def _fly_batch(
     method.begin(world)
     diagnostics = Diagnostics(world)
     diagnostics.begin()
-    for _ in range(parameters.network.episode_slots):
+    for slot in range(1, parameters.network.episode_slots + 1):
         heed_stop()
+        if slot == first_slot and slot > 1:
+            world.forget_metrics()
+            diagnostics.begin()
         world.step(method.act(world))
         diagnostics.observe()
     if not isinstance(method, Planner):

@@ -12,6 +12,7 @@ RELEASED = {
     "orchid-no-rf": "MAPPO without Reset-and-Finetune",
     "orchid-pf": "proportional fairness in reward and shares, repeated resets",
     "orchid-random-init": "trained and flown from random starts",
+    "orchid-distilled": "imitates best response, and knows when it is told wrong or late",
     "orchid-tuned": "orchid with the best recipe of its search",
     "maddpg-pf": "Baseline 1: MADDPG, proportional fairness, best recipe of its search",
     "maddpg-mmf": "Baseline 2: MADDPG, max-min fairness, best recipe of its search",

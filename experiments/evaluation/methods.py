@@ -44,20 +44,22 @@ METHOD_KEYS = (
 """Keys that belong to a method rather than to the world that it flies in."""
 
 
-def method_overrides(objective: str, init: str = "kmeans") -> dict[str, Any]:
+def method_overrides(
+    objective: str, init: str = "kmeans", flight: str = "direct", observation: str = "paper"
+) -> dict[str, Any]:
     """Values of all ``METHOD_KEYS`` for a method that has no run's configuration."""
     return {
         "reward.objective": objective,
         "network.shares": None,
         "deployment.init": init,
         "deployment.balanced_on": "sensed",
-        "uav.observation": "paper",
-        "uav.flight": "direct",
+        "uav.observation": observation,
+        "uav.flight": flight,
     }
 
 
 _MMF, _PF = method_overrides("mmf"), method_overrides("pf")
-SENSED_STATIONS = method_overrides("mmf", "balanced") | {"uav.flight": "station"}
+SENSED_STATIONS = method_overrides("mmf", "balanced", "station")
 """What rules on stations override, where they begin as Phase I sees the users."""
 STATIONS = SENSED_STATIONS | {"deployment.balanced_on": "exact"}
 """The same with a start from where the users are, as other rules have it."""
@@ -125,6 +127,7 @@ COMMANDS: dict[str, tuple[str, ...]] = {
     "orchid-no-rf": ("--no-rf",),
     "orchid-pf": ("--objective", "pf", "--episodes", "1000", "--set", "reset.max_resets=3"),
     "orchid-random-init": ("--init", "random"),
+    "orchid-distilled": ("--preset", "distilled"),
     "orchid-tuned": _TUNED_MAPPO,
     "maddpg-pf": ("--algorithm", "maddpg", "--objective", "pf", *_TUNED_MADDPG),
     "maddpg-mmf": ("--algorithm", "maddpg", *_TUNED_MADDPG),

@@ -71,6 +71,8 @@ def _own_method(specification: str) -> Contender:
         method: Any = make()
         objective = getattr(method, "objective", "mmf")
         init = getattr(method, "deployment_init", "kmeans")
+        flight = getattr(method, "flight", "direct")
+        observation = getattr(method, "observation", "paper")
         idea = getattr(method, "idea", f"{name} of {path.name}")
     for needed in ("begin", "act"):
         if not callable(getattr(method, needed, None)):
@@ -78,6 +80,8 @@ def _own_method(specification: str) -> Contender:
     for attribute, value, right in (
         ("objective", objective, choices_of(field_of("reward.objective"))),
         ("deployment_init", init, choices_of(field_of("deployment.init"))),
+        ("flight", flight, choices_of(field_of("uav.flight"))),
+        ("observation", observation, choices_of(field_of("uav.observation"))),
     ):
         if value not in right:
             raise InputError(f"{told}: {attribute} is {value!r}, not {' or '.join(right)}")
@@ -85,7 +89,7 @@ def _own_method(specification: str) -> Contender:
     return Contender(
         key,
         str(idea),
-        method_overrides(objective, init),
+        method_overrides(objective, init, flight, observation),
         lambda seeds: _Guarded(make(), f"method '{key}'", path),
         own_file=OwnFile(path.name, name, hashlib.sha256(source).hexdigest()),
     )

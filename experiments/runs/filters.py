@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
-from orchid_uav.envs.parameters import FORMER_KEYS
+from orchid_uav.envs.keys import FORMER_KEYS
 from orchid_uav.experiments.configuration import assignment_layer, configuration_keys
 from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.runs.index import (

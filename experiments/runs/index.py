@@ -13,7 +13,7 @@ from functools import cache, cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from orchid_uav.envs.parameters import with_current_keys
+from orchid_uav.envs.keys import with_current_keys
 from orchid_uav.experiments.configuration import RunConfig, flatten
 from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.metrics import METRICS

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from pydantic import Field, JsonValue, ValidationError, field_validator
 
-from orchid_uav.envs.parameters import describe_error
+from orchid_uav.envs.keys import describe_error
 from orchid_uav.experiments.configuration import RunConfig, as_read_before
 from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.runs.lock import is_alive

@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, JsonValue
 
-from orchid_uav.envs.parameters import CURRENT_KEYS
+from orchid_uav.envs.keys import CURRENT_KEYS
 from orchid_uav.experiments.metrics import label_of
 from orchid_uav.experiments.statistics.intervals import MetricSummary
 from orchid_uav.storage.documents import Document

@@ -9,10 +9,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from orchid_uav.envs.keys import unit_of, values_of
-from orchid_uav.envs.parameters import FORMER_KEYS, fields_by_key
-from orchid_uav.experiments.configuration import PRESETS, RunConfig
+from orchid_uav.envs.keys import FORMER_KEYS, fields_by_key, unit_of, values_of
+from orchid_uav.experiments.configuration import RunConfig
+from orchid_uav.experiments.presets import PRESETS
 from studies.pages.ablation import ABLATION_BLOCKS, draw_ablations
+from studies.pages.batches import BATCHES_BLOCKS
 from studies.pages.deployment import draw_deployment
 from studies.pages.evaluation import BLOCKS, draw_studies, record_sources
 from studies.pages.findings import FINDING_BLOCKS
@@ -104,7 +105,8 @@ def pages() -> dict[Path, str]:
         ROOT / "docs" / "configuration.md": configuration_page(),
         ROOT / "docs" / "performance.md": render(),
     }
-    blocks = {**BLOCKS, **ABLATION_BLOCKS, **VALIDATION_BLOCKS, **FINDING_BLOCKS, **PENDULUM_BLOCKS}
+    blocks = {**BLOCKS, **ABLATION_BLOCKS, **VALIDATION_BLOCKS, **FINDING_BLOCKS}
+    blocks |= {**PENDULUM_BLOCKS, **BATCHES_BLOCKS}
     for name, (path, content) in blocks.items():
         text = texts.get(path) or path.read_text(encoding="utf-8")
         texts[path] = replace_block(text, name, content())

@@ -20,6 +20,8 @@ from orchid_uav.experiments.runs.directory import final_metrics, read_episodes
 from studies.reference_policies import EVALUATION_FILE, KEPT_FILES, REFERENCE, TOPOLOGIES, fly
 
 KEYS = sorted(RELEASED)
+EPISODES = {"orchid-pf": 1000, "orchid-distilled": 400}
+"""Of policies that have others than the paper's."""
 
 
 def record_of(key):
@@ -102,11 +104,11 @@ def test_the_record_agrees_with_the_episodes(key):
     record = record_of(key)
     rows = read_episodes(REFERENCE / key / "episodes.csv")
     assert record["status"] == "completed"
-    assert len(rows) == record["episodes"] == (1000 if key == "orchid-pf" else 700)
+    assert len(rows) == record["episodes"] == EPISODES.get(key, 700)
     assert record["final"] == pytest.approx(final_metrics(rows))
     resets = [row["episode"] for row in rows if row["reset"]]
     assert resets == record["reset_episodes"]
-    assert bool(resets) == (key in ("orchid", "orchid-pf", "orchid-random-init"))
+    assert bool(resets) == (key in ("orchid", "orchid-pf", "orchid-random-init", "orchid-tuned"))
 
 
 def test_no_record_names_a_machine_or_a_path_of_one():

@@ -13,12 +13,12 @@ import pytest
 import orchid_uav
 from orchid_uav.experiments.configuration import (
     FLAGS,
-    PRESETS,
     SETTING_KEYS,
     merge,
     preset_layer,
 )
 from orchid_uav.experiments.evaluation.flights import SETTING_FIELDS
+from orchid_uav.experiments.presets import PRESETS
 from tests.helpers.processes import Finished, assert_is_an_error
 
 FURTHER_KEYS = '''

@@ -14,12 +14,17 @@ from pettingzoo.test import parallel_api_test
 
 import orchid_uav  # registers orchid/Fleet-v0
 from orchid_uav import notices
-from orchid_uav.agents.controllers.heuristics import BalancedLoiter
+from orchid_uav.agents.controllers.heuristics import (
+    BalancedLoiter,
+    candidate_starts,
+    repeat_topology,
+)
 from orchid_uav.agents.controllers.planner import Planner
 from orchid_uav.envs import Parameters, WorldBatch, channel, make_vec_env, parallel_env
 from orchid_uav.envs.compilation import compiled, digest_of, specialised
 from orchid_uav.envs.diagnostics import Diagnostics
 from orchid_uav.envs.dynamics import step_worlds
+from orchid_uav.envs.metrics import LOAD_JFI, RATE_JFI
 from orchid_uav.notices import show_on_stderr
 from tests.envs.test_diagnostics import begun, count_both
 from tests.helpers import independent_network as independent
@@ -108,20 +113,20 @@ class TestChannel:
         Planner(evaluations=800).begin(world)
         np.testing.assert_allclose(world.arrays.positions_m[0, :, 2], 83.0, atol=1.5)
 
-    def test_the_best_of_some_starts_is_that_of_the_channel(self, monkeypatch):
-        made, original = [], WorldBatch.__init__
-
-        def recorded(self, *arguments, **keywords):
-            made.append(keywords.get("air_to_ground_path_loss_db"))
-            original(self, *arguments, **keywords)
-
-        world = WorldBatch(
-            Parameters().with_overrides(SMALL), air_to_ground_path_loss_db=rippled_path_loss_db
-        )
+    def test_the_best_of_some_starts_is_that_of_the_channel(self):
+        own = {"air_to_ground_path_loss_db": rippled_path_loss_db}
+        crowd = {"uav_count": 4, "user_count": 60}
+        world = WorldBatch(Parameters().with_overrides(crowd), seed=3, **own)
         world.reset()
-        monkeypatch.setattr(WorldBatch, "__init__", recorded)
-        BalancedLoiter(restarts=2).begin(world)
-        assert made == [rippled_path_loss_db]
+        starts_m, targets = candidate_starts(world, 0, 8, 0)
+        trial = WorldBatch(world.parameters, worlds=len(starts_m), seed=0, **own)
+        alike = repeat_topology(world, 0, len(starts_m))
+        trial.use_topology(alike._replace(start_m=starts_m, target_users=targets))
+        fairness = trial.arrays.metrics[:, LOAD_JFI] + trial.arrays.metrics[:, RATE_JFI]
+        BalancedLoiter(restarts=8).begin(world)
+        best_m = starts_m[np.argmax(fairness)]
+        np.testing.assert_array_equal(world.arrays.positions_m[0, :, :2], best_m)
+        assert len(np.unique(fairness)) > 1
 
     @pytest.mark.parametrize(
         ("own", "told"),

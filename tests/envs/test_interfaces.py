@@ -149,7 +149,7 @@ class TestParallel:
             ({"altitude": 3}, "altitude"),
             ({"usres": 30}, r"unknown parameter 'usres'"),
             ({"usr_count": 30}, r"did you mean 'user_count'\?"),
-            ({"observation": "informed"}, "observation"),
+            ({"observation": "all-knowing"}, "observation"),
             ({"speed_mps": float("nan")}, "user_speed_mps"),
         ],
     )

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 import tests.helpers.independent_network as independent
 from orchid_uav.envs import Parameters, WorldBatch, channel, evaluation_seeds, world_seeds
+from orchid_uav.envs.keys import fields_by_key
 from orchid_uav.envs.metrics import EPISODE_METRICS, SLOT_METRICS
-from orchid_uav.envs.parameters import fields_by_key
 
 CROWDED = {"network.area_m": 400.0, "uav.min_separation_m": 120.0}
 WEAK_BACKHAUL = {"gbs.transmit_power_dbm": -12.0}

@@ -13,9 +13,9 @@ from typing import Any
 import pytest
 
 from orchid_uav.envs.arrays import Constants
-from orchid_uav.envs.keys import unit_of, values_of
-from orchid_uav.envs.parameters import NetworkParameters, Section
-from orchid_uav.experiments import configuration
+from orchid_uav.envs.keys import Section, unit_of, values_of
+from orchid_uav.envs.parameters import NetworkParameters
+from orchid_uav.experiments import presets
 from orchid_uav.experiments.configuration import (
     FLAGS,
     Layer,
@@ -94,8 +94,11 @@ def as_toml(nested: dict[str, dict[str, Any]]) -> str:
     """TOML of a configuration; it has no null, and none of these values needs more than JSON's."""
     lines = []
     for section, fields in nested.items():
+        inner = {name: value for name, value in fields.items() if isinstance(value, dict)}
         lines.append(f"[{section}]")
-        lines += [f"{key} = {json.dumps(value)}" for key, value in fields.items()]
+        own = {name: value for name, value in fields.items() if name not in inner}
+        lines += [f"{key} = {json.dumps(value)}" for key, value in own.items()]
+        lines.append(as_toml({f"{section}.{name}": value for name, value in inner.items()}))
     return "\n".join(lines)
 
 
@@ -151,8 +154,8 @@ class TestKeys:
 class TestMerging:
     def test_preset_then_file_then_set_then_flags(self, orchid, tmp_path, monkeypatch):
         network = {"uav_count": 2, "user_count": 22, "area_m": 200.0, "slot_s": 0.5}
-        preset = configuration.Preset("a lab's", {"network": network})
-        monkeypatch.setitem(configuration.PRESETS, "lab", preset)
+        preset = presets.Preset("a lab's", {"network": network})
+        monkeypatch.setitem(presets.PRESETS, "lab", preset)
         file = tmp_path / "lab.toml"
         file.write_text("[network]\nuav_count = 3\nuser_count = 33\narea_m = 300.0\n")
         # The order on the command line does not matter.
@@ -233,8 +236,8 @@ class TestMerging:
                 assert merged == DEFAULTS | {key: [2 * one for one in value]}
 
     def test_only_what_was_changed(self, orchid, tmp_path, monkeypatch):
-        preset = configuration.Preset("a lab's", {"network": {"user_count": 22}})
-        monkeypatch.setitem(configuration.PRESETS, "lab", preset)
+        preset = presets.Preset("a lab's", {"network": {"user_count": 22}})
+        monkeypatch.setitem(presets.PRESETS, "lab", preset)
         file = tmp_path / "lab.toml"
         file.write_text("[uav]\nmax_speed_mps = 20.0\n[network]\nslot_s = 1.0\n")
         arguments = ["--preset=lab", "--algorithm=maddpg", "--uavs=6", "--changed"]

@@ -253,10 +253,10 @@ def test_summary_agrees_with_the_episodes(evaluate_tiny, tmp_path):
         "--methods=rules", "--uavs=2,3", "--speeds=0..4:4", "--out=out", "--no-figures"
     )
     assert finished.code == 0
-    assert "4 settings x 9 methods x 4 topologies = 144 flights" in finished.out
+    assert "4 settings x 18 methods x 4 topologies = 288 flights" in finished.out
     summary = json.loads((tmp_path / "work/out/summary.json").read_text())
     rows = pq.read_table(tmp_path / "work/out/episodes.parquet").to_pylist()
-    assert len(rows) == 144
+    assert len(rows) == 288
     assert len({row["seed"] for row in rows}) == 4
     keys = ("method", "uavs", "speed_mps", "deterministic")
     for result in summary["results"]:
@@ -540,7 +540,7 @@ def test_a_run_that_cannot_be_flown_is_told(evaluate_tiny, run_copy, tmp_path, d
 def test_a_policy_for_other_observations_is_told(evaluate_tiny, run_copy, monkeypatch):
     from orchid_uav.experiments.evaluation import methods
 
-    monkeypatch.setattr(methods, "OBSERVATION_SIZE", 17)
+    monkeypatch.setitem(methods.OBSERVATION_SIZES, "paper", 17)
     assert_is_an_error(evaluate_tiny(run_copy), "16 observations", "17")
 
 

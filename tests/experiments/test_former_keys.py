@@ -7,7 +7,8 @@ import signal
 
 import pytest
 
-from orchid_uav.envs.parameters import FORMER_KEYS, Parameters, with_current_keys
+from orchid_uav.envs.keys import FORMER_KEYS, with_current_keys
+from orchid_uav.envs.parameters import Parameters
 from orchid_uav.experiments.ablation.design import Ablation
 from orchid_uav.experiments.ablation.study import AblationStudy
 from orchid_uav.experiments.ablation.variants import Variant, assigned

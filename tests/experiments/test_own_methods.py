@@ -77,7 +77,9 @@ class TestFlights:
             "reward.objective": "mmf",
             "network.shares": None,
             "deployment.init": "random",
+            "deployment.balanced_on": "sensed",
             "uav.observation": "paper",
+            "uav.flight": "direct",
         }
         assert set(own.overrides) == set(METHOD_KEYS)
         assert all(set(one.overrides) == set(METHOD_KEYS) for one in select(["all"]))

@@ -110,6 +110,16 @@ CASES = {
         "training__schedule_episodes": 5,
     },
     "maddpg, resets": SMALL_MADDPG | RESETS,
+    "dagger": {
+        "training__algorithm": "dagger",
+        "reset__enabled": False,
+        "uav__flight": "station",
+        "uav__observation": "informed",
+        "dagger__hidden_sizes": (8,),
+        "dagger__batch_size": 16,
+        "dagger__gradient_steps": 3,
+        "dagger__examples": 150,
+    },
 }
 EPISODES = 8
 

@@ -1,0 +1,43 @@
+"""Built-in configurations, and other defaults that come with an algorithm."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+
+class Preset(NamedTuple):
+    """A built-in configuration."""
+
+    idea: str
+    """What it is for."""
+    sections: Mapping[str, Mapping[str, Any]]
+    """Differences from the defaults, which are the paper's."""
+
+
+PRESETS = {
+    "paper": Preset("the paper's run, two to five minutes of one core", {}),
+    "quick": Preset(
+        "a run of half a minute, on a slow core of one, for trying things: the paper's network, "
+        "fewer episodes, and a Reset-and-Finetune that leaves more than half of them after a reset",
+        {
+            "reset": {"window": 20},
+            "checkpoint": {"every_episodes": 20},
+            "training": {"episodes": 100},
+        },
+    ),
+    "distilled": Preset(
+        "a policy on stations that imitates best response and knows less than it, some twelve "
+        "minutes of one core",
+        {
+            "uav": {"flight": "station", "observation": "informed"},
+            "deployment": {"init": "balanced"},
+            "training": {"algorithm": "dagger", "episodes": 400, "worlds": 20},
+        },
+    ),
+}
+"""Configurations to begin with, by name."""
+
+ALGORITHM_DEFAULTS: dict[str, dict[str, Any]] = {
+    "maddpg": {"reset.enabled": False},
+    "dagger": {"reset.enabled": False},
+}
+"""Other defaults for an algorithm: Reset-and-Finetune belongs to ORCHID."""
