@@ -7,6 +7,9 @@ Results are written after every setting, and the same command continues there.
 
 import argparse
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import replace
+from multiprocessing import get_context
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -16,7 +19,7 @@ from numpy.typing import NDArray
 
 from orchid_uav.envs import Parameters
 from orchid_uav.experiments.evaluation.flights import Plan, Setting, evaluate
-from orchid_uav.experiments.evaluation.method_keys import RULE_IDEAS, SENSED
+from orchid_uav.experiments.evaluation.method_keys import SENSED
 from orchid_uav.experiments.evaluation.methods import Contender, read_policy, rows_of, select
 from orchid_uav.experiments.metrics import EVALUATION_METRICS
 from orchid_uav.experiments.statistics.intervals import summarise
@@ -26,7 +29,8 @@ from studies.recording import RESULTS, add_allow_changes, record, require_commit
 NAME = "flying"
 TOPOLOGIES, EVALUATION_SEED = 100, 0
 LEARNED = "orchid-distilled"
-RULES = ("best-response", "forces", "track-120", "track", "balanced-loiter", "static-mmf")
+RULES = ("best-response", "forces")
+OLD_RULES = ("track-120", "track", "balanced-loiter", "loiter-mmf", "static-mmf")
 BOUND = "receding-horizon"
 METRICS = (
     "utility",
@@ -81,25 +85,29 @@ CASES = (
 )
 
 
-def contenders(case: Case, runs: Sequence[Path]) -> list[Contender]:
-    """Policies by seed, their twin, and the rules, from where Phase I sees the users if it errs."""
+def contenders(case: Case, runs: Sequence[Path]) -> dict[str, Contender]:
+    """Policies by seed, their twin, and the rules, by the names that the results have."""
     policies = [read_policy(path) for path in runs]
-    learned = [
-        rows_of(policy, f"{LEARNED}-s{policy.config.training.seed}", "", False, False)[0]
+    found = {
+        f"{LEARNED}-s{policy.config.training.seed}": rows_of(policy, LEARNED, "", False, False)[0]
         for policy in policies
-    ]
-    twin = rows_of(policies[0], f"{LEARNED}-zero", "", False, True)
-    keys = [*RULES, *([BOUND] if case.with_bound else [])]
-    if case.axis == "Phase I":  # the others see where the users are
-        keys = [f"{key}{SENSED}" for key in keys if f"{key}{SENSED}" in RULE_IDEAS]
-    return [*learned, *twin, *select(keys)]
+    }
+    found[f"{LEARNED}-zero"] = rows_of(policies[0], LEARNED, "", False, True)[0]
+    # Where Phase I sees the users as they are, both starts are the same, and one is drawn for all.
+    on_stations = [*RULES, *([BOUND] if case.with_bound else [])]
+    keys = {key: f"{key}{SENSED}" for key in on_stations}
+    if case.axis == "speed":
+        keys |= {key: key for key in OLD_RULES}
+    for name, key in keys.items():
+        found[name] = select([key])[0]
+    return {name: replace(contender, key=name) for name, contender in found.items()}
 
 
 def fly(case: Case, runs: Sequence[Path]) -> dict[str, Any]:
     """Means of all methods, and differences of the learned policies to the others."""
-    flown_by = contenders(case, runs)
+    flown_by = contenders(case, runs).values()
     world = Parameters().with_overrides(dict(case.overrides))
-    plan = Plan(flown_by, [case.setting], TOPOLOGIES, EVALUATION_SEED, world, case.first_slot)
+    plan = Plan(list(flown_by), [case.setting], TOPOLOGIES, EVALUATION_SEED, world, case.first_slot)
     flown, _ = evaluate(plan)
     found = {key[len(case.setting)]: metrics for key, metrics in flown.items()}
     seeds = [name for name in found if name.startswith(f"{LEARNED}-s")]
@@ -133,6 +141,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--runs", type=Path, required=True, help="runs of --preset distilled")
     parser.add_argument("--json", type=Path, default=RESULTS / f"{NAME}.json", metavar="FILE")
+    parser.add_argument("--jobs", type=int, default=1)
     add_allow_changes(parser)
     options = parser.parse_args()
     require_commit(parser, options, options.json)
@@ -146,11 +155,15 @@ def main() -> None:
     if options.json.exists():
         before = read_document(options.json)
         cases = before["cases"] if before["settings"] == settings else {}
-    for case in CASES:
-        if case.key not in cases:
-            cases[case.key] = fly(case, runs)
-            write_result(options.json, record(settings, cases=cases), ('{"axis"',))
-            print(case.key, flush=True)
+    with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool:
+        waiting = {
+            pool.submit(fly, case, runs): case.key for case in CASES if case.key not in cases
+        }
+        for finished in as_completed(waiting):
+            cases[waiting[finished]] = finished.result()
+            ordered = {case.key: cases[case.key] for case in CASES if case.key in cases}
+            write_result(options.json, record(settings, cases=ordered), ('{"axis"',))
+            print(waiting[finished], flush=True)
 
 
 if __name__ == "__main__":
