@@ -17,6 +17,7 @@ from studies.pages.batches import BATCHES_BLOCKS
 from studies.pages.deployment import draw_deployment
 from studies.pages.evaluation import BLOCKS, draw_studies, record_sources
 from studies.pages.findings import FINDING_BLOCKS
+from studies.pages.flying import FLYING_BLOCKS, draw_flying
 from studies.pages.pendulum import PENDULUM_BLOCKS, draw_pendulum
 from studies.pages.validation import VALIDATION_BLOCKS, draw_validation
 
@@ -106,7 +107,7 @@ def pages() -> dict[Path, str]:
         ROOT / "docs" / "performance.md": render(),
     }
     blocks = {**BLOCKS, **ABLATION_BLOCKS, **VALIDATION_BLOCKS, **FINDING_BLOCKS}
-    blocks |= {**PENDULUM_BLOCKS, **BATCHES_BLOCKS}
+    blocks |= {**PENDULUM_BLOCKS, **BATCHES_BLOCKS, **FLYING_BLOCKS}
     for name, (path, content) in blocks.items():
         text = texts.get(path) or path.read_text(encoding="utf-8")
         texts[path] = replace_block(text, name, content())
@@ -124,6 +125,7 @@ def main() -> None:
         *draw_ablations(),
         *draw_validation(),
         draw_pendulum(),
+        draw_flying(),
     ]
     for path in [*drawn, record_sources()]:
         print(f"wrote {path.relative_to(ROOT)}")

@@ -33,6 +33,10 @@ vectorise, and takes users in tiles whose links stay in the processor's cache. T
 state through the critic once per minibatch, takes log densities from the noise that was drawn, and
 multiplies large matrices with oneDNN where that is faster: on AMD's processors with AVX-512, which
 MKL, torch's own choice, does not use there. On other processors the trainings gain less.
+
+What the simulator says changed in the last digits only. Every mean that `orchid eval --methods
+static-pf,static-mmf,static-pf-full-power,static-mmf-full-power,loiter-pf,loiter-mmf --speeds 0,10`
+gives for 100 topologies agrees with that commit's to 6e-16, relatively (2026-11-27, AMD EPYC).
 """
 
 SIMULATOR_TEXT = """\
