@@ -68,11 +68,13 @@ def _learning(flown: Mapping[tuple[str, bool], EvaluationResult]) -> str:
         f"`orchid`, reaches {own:.3f}; its *zero-action twin*, which starts at the same places and "
         f"stays there, {twin:.3f}. Of the {_word(len(of_paper))} policies with the paper's "
         f"numbers one is above its twin, by {of_paper[above[0]]:.3f}, that which starts anywhere, "
-        "when they fly without the random noise that training adds to what they do. With the best recipes of a search, which are the most cautious ones, "
+        "when they fly without the random noise that training adds to what they do. With the best "
+        "recipes of a search, which are the most cautious ones, "
         f"policies end {min(searched):+.3f} to {max(searched):+.3f} from it. "
         f"Of {_word(seeds)} trainings of `orchid` with different random numbers (*seeds*), and "
         f"minibatches of rows, one policy is above its twin, by {better[0]}. "
-        f"Of {_word(seeds)} trainings that only reset the optimizer and keep its learning rates, two are, by {' and '.join(resets)}. "
+        f"Of {_word(seeds)} trainings that only reset the optimizer and keep its learning rates, "
+        f"two are, by {' and '.join(resets)}. "
         "[Evaluation](docs/evaluation.md#all-methods), [ablation](docs/ablation.md#controls)"
     )
 
