@@ -116,15 +116,19 @@ class Constants(NamedTuple):
             displacement_scale_m=uav.displacement_scale_m,
             min_separation_m=uav.min_separation_m,
             flies_stations=uav.flight == "station",
-            station_speed_limit_mps=uav.station.speed_limit_mps,
+            station_speed_limit_mps=min(uav.station.speed_limit_mps, uav.max_speed_mps),
             station_smoothing=uav.station.smoothing,
-            centre_spacing_m=uav.station.centre_spacing_m,
+            centre_spacing_m=parameters.centre_spacing_m,
             circle_radius_m=parameters.circle_radius_m,
             circle_chord=chord(
                 parameters.circle_radius_m, circling_speed_mps(parameters) * network.slot_s
             ),
-            station_altitude_m=uav.station.altitude_m or 0.0,
-            station_power_w=uav.station.transmit_power_w or 0.0,
+            station_altitude_m=_within(
+                uav.station.altitude_m, uav.min_altitude_m, uav.max_altitude_m
+            ),
+            station_power_w=_within(
+                uav.station.transmit_power_w, uav.min_transmit_power_w, uav.max_transmit_power_w
+            ),
             outages=np.array(network.outages, np.int64).reshape(-1, 3),
             delay_slots=parameters.delay_slots,
             flight_error_std_m=sensing.flight_error_std_m,
@@ -164,6 +168,11 @@ class Constants(NamedTuple):
             power_epsilon_w=reward.power_epsilon_w,
             efficiency_scale_bit_per_joule=energy_efficiency_scale(parameters),
         )
+
+
+def _within(value: float | None, low: float, high: float) -> float:
+    """The value kept within its limits, 0 for none."""
+    return 0.0 if value is None else min(max(value, low), high)
 
 
 def _in_order_of(function: Callable[..., object], arguments: dict[str, float]) -> tuple[float, ...]:

@@ -120,17 +120,17 @@ class StationParameters(Section):
     """How a UAV's station moves, the place that its autopilot circles (M38)."""
 
     speed_limit_mps: Annotated[float, within(0.0, 1000.0)] = 8.0
-    """Greatest speed of a station; what is left of `uav.max_speed_mps` is for the circle."""
+    """Greatest speed of a station, V_max at most."""
     smoothing: Annotated[float, within(0.0, 0.99)] = 0.5
     """Share of its velocity that a station keeps from slot to slot; 0 follows every action."""
     centre_spacing_m: Distance = 90.0
-    """Least distance of two stations, kept whatever the actions are."""
+    """Least distance of two stations, whatever the actions are; less where there is no room."""
     circle_radius_m: Annotated[float, within(0.1, 1e5)] = 40.0
     """Radius of the circles, less where the area has no room for it."""
     altitude_m: Altitude | None = 120.0
-    """Altitude that UAVs climb to and keep; none leaves it to the third action."""
+    """Altitude that UAVs go to and keep, within their limits; none leaves it to the actions."""
     transmit_power_w: TransmitPower | None = 0.2
-    """Transmit power that UAVs go to and keep; none leaves it to the fourth action."""
+    """Transmit power that UAVs go to and keep, within limits; none leaves it to the actions."""
 
 
 class UavParameters(Section):
@@ -177,28 +177,7 @@ class UavParameters(Section):
                 f"..max_transmit_power_w = {self.min_transmit_power_w:g}"
                 f"..{self.max_transmit_power_w:g}"
             )
-        if self.flight == "station":
-            self._check_station()
         return self
-
-    def _check_station(self) -> None:
-        station = self.station
-        for name, value, low, high in (
-            ("altitude_m", station.altitude_m, self.min_altitude_m, self.max_altitude_m),
-            (
-                "transmit_power_w",
-                station.transmit_power_w,
-                self.min_transmit_power_w,
-                self.max_transmit_power_w,
-            ),
-        ):
-            if value is not None and not low <= value <= high:
-                raise ValueError(f"station.{name} is {value:g}, outside {low:g}..{high:g}")
-        if station.speed_limit_mps > self.max_speed_mps:
-            raise ValueError(
-                f"station.speed_limit_mps is {station.speed_limit_mps:g}, above max_speed_mps = "
-                f"{self.max_speed_mps:g}"
-            )
 
     @property
     def start_power_w(self) -> float:
@@ -409,20 +388,6 @@ class Parameters(Section):
                 )
         return self
 
-    @model_validator(mode="after")
-    def _room_for_stations(self) -> Parameters:
-        if self.uav.flight == "station":
-            from orchid_uav.envs.starts.stations import room_for  # loads scipy
-
-            spacing_m = self.uav.station.centre_spacing_m
-            side_m = self.network.area_m - 2.0 * self.circle_radius_m
-            if not room_for(self.network.uav_count, spacing_m, side_m):
-                raise ValueError(
-                    f"there is no room for {self.network.uav_count} stations centre_spacing_m = "
-                    f"{spacing_m:g} m apart in the {side_m:g} m that circles leave of area_m"
-                )
-        return self
-
     @property
     def share_rule(self) -> str:
         """How bandwidth is shared: `network.shares` where given, else as the objective wants it."""
@@ -462,6 +427,15 @@ class Parameters(Section):
     def circle_radius_m(self) -> float:
         """Radius of the circles round stations, for which the area has room (M38)."""
         return min(self.uav.station.circle_radius_m, 0.5 * self.network.area_m)
+
+    @property
+    def centre_spacing_m(self) -> float:
+        """Least distance of two stations, for which the area has room (M38)."""
+        from orchid_uav.envs.starts.stations import greatest_spacing_m  # loads scipy
+
+        side_m = self.network.area_m - 2.0 * self.circle_radius_m
+        wanted_m = self.uav.station.centre_spacing_m
+        return greatest_spacing_m(self.network.uav_count, wanted_m, side_m)
 
     @property
     def heading_hold_slots(self) -> int:

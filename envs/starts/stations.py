@@ -73,8 +73,23 @@ def hexagonal_grid(spacing_m: float, low_m: float, high_m: float) -> Floats:
     return np.minimum(np.array(grid).reshape(-1, 2), high_m)
 
 
-def room_for(uavs: int, spacing_m: float, side_m: float) -> bool:
+def greatest_spacing_m(stations: int, wanted_m: float, side_m: float) -> float:
+    """The spacing that is wanted, or the greatest with which a grid has room in a square."""
+    if _has_room(stations, wanted_m, side_m):
+        return wanted_m
+    low_m, high_m = 0.0, wanted_m
+    for _ in range(40):
+        middle_m = 0.5 * (low_m + high_m)
+        if _has_room(stations, middle_m, side_m):
+            low_m = middle_m
+        else:
+            high_m = middle_m
+    return low_m
+
+
+def _has_room(stations: int, spacing_m: float, side_m: float) -> bool:
     """Whether :func:`spread_out` finds places for so many stations in a square."""
-    if uavs == 1 or spacing_m == 0.0 or side_m / spacing_m > 40.0:  # of more than 1,000 places
+    # A row of forty has a square of more than a thousand, as many as there may be.
+    if stations == 1 or spacing_m <= 0.0 or side_m / spacing_m > 40.0:
         return True
-    return len(hexagonal_grid(spacing_m * _ROOM, 0.0, side_m)) >= uavs
+    return len(hexagonal_grid(spacing_m * _ROOM, 0.0, side_m)) >= stations

@@ -94,7 +94,10 @@ class Plan:
         for setting in self.settings:
             parameters = setting.apply(self.world)
             for contender in self.contenders:
-                parameters.with_overrides(dict(contender.overrides))
+                try:
+                    parameters.with_overrides(dict(contender.overrides))
+                except ValueError as error:
+                    raise InputError(f"{contender.key} cannot be flown: {error}") from error
 
 
 class Flight(NamedTuple):

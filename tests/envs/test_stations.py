@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from orchid_uav.envs import Parameters, WorldBatch, parallel_env
 from orchid_uav.envs.kinematics import chord, circling_displacement_m
 from orchid_uav.envs.propulsion import circling_speed_mps
-from orchid_uav.envs.starts.stations import hexagonal_grid, room_for, spread_out
+from orchid_uav.envs.starts.stations import greatest_spacing_m, hexagonal_grid, spread_out
 
 STATIONS = {"uav.flight": "station", "network.user_count": 30}
 FAR = 1e9
@@ -172,7 +172,7 @@ class TestSpreading:
     @given(st.integers(1, 40), st.integers(0, 2**32 - 1), st.sampled_from([1.0, 50.0, 400.0]))
     def test_places_are_apart_and_inside_or_it_is_told(self, count, seed, spread_m):
         wanted_m = np.random.default_rng(seed).normal(500.0, spread_m, (count, 2))
-        if not room_for(count, 150.0, 800.0):
+        if greatest_spacing_m(count, 150.0, 800.0) < 150.0:
             with pytest.raises(ValueError, match="no room for"):
                 spread_out(wanted_m, 150.0, 100.0, 900.0)
             return
@@ -190,22 +190,34 @@ class TestSpreading:
         grid_m = hexagonal_grid(100.0, 0.0, 120.0)
         np.testing.assert_allclose(grid_m, [(0, 0), (100, 0), (50, height_m)])
 
-    def test_a_configuration_without_room_is_refused(self):
-        with pytest.raises(ValueError, match="no room for 9 stations"):
-            begun(**{"network.uav_count": 9, "network.area_m": 250.0})
+    @pytest.mark.parametrize(("stations", "side_m"), [(9, 170.0), (2, 20.0), (500, 1920.0)])
+    def test_where_there_is_no_room_the_spacing_is_the_greatest_of_a_grid(self, stations, side_m):
+        found_m = greatest_spacing_m(stations, 500.0, side_m)
+        assert 0.0 < found_m < 500.0
+        places_m = spread_out(np.full((stations, 2), 0.5 * side_m), found_m, 0.0, side_m)
+        assert distances_m(places_m).min() >= found_m
+        assert len(hexagonal_grid(1.01 * found_m, 0.0, side_m)) < stations
+
+    def test_all_of_a_point_is_no_room(self):
+        assert greatest_spacing_m(3, 90.0, 0.0) == pytest.approx(0.0, abs=1e-6)
 
 
 @pytest.mark.parametrize(
-    ("overrides", "told"),
+    ("overrides", "limits"),
     [
-        ({"uav.station.altitude_m": 130.0}, r"station.altitude_m is 130, outside 80..120"),
-        ({"uav.station.transmit_power_w": 0.3}, r"station.transmit_power_w is 0.3, outside"),
-        ({"uav.station.speed_limit_mps": 20.0}, "above max_speed_mps = 15"),
+        ({"uav.station.altitude_m": 130.0}, (120.0, 0.2, 8.0)),
+        ({"uav.max_altitude_m": 110.0, "uav.max_transmit_power_w": 0.18}, (110.0, 0.18, 8.0)),
+        ({"uav.station.speed_limit_mps": 20.0}, (120.0, 0.2, 15.0)),
     ],
 )
-def test_what_uavs_cannot_fly_is_refused(overrides, told):
-    with pytest.raises(ValueError, match=told):
-        begun(**overrides)
+def test_what_uavs_cannot_fly_is_as_near_as_they_can(overrides, limits):
+    world = begun(**overrides)
+    for _ in range(60):
+        world.step(east(world))
+    arrays = world.arrays
+    np.testing.assert_allclose(arrays.positions_m[..., 2], limits[0])
+    np.testing.assert_allclose(arrays.transmit_powers_w, limits[1])
+    assert world.constants.station_speed_limit_mps == limits[2]
 
 
 def test_every_interface_flies_stations():
