@@ -49,6 +49,9 @@ Observation = Literal["paper", "informed"]
 Flight = Literal["direct", "station"]
 
 
+_LONGEST_MEMORY_SLOTS = 1000
+
+
 class NetworkParameters(Section):
     """The area, its users, and how long an episode is."""
 
@@ -386,6 +389,16 @@ class Parameters(Section):
                     f"there is no room for {uavs} UAVs min_separation_m = {apart_m:g} m apart, as "
                     f"init = random wants them, in area_m = {self.network.area_m:g} m"
                 )
+        return self
+
+    @model_validator(mode="after")
+    def _memory_for_the_delay(self) -> Parameters:
+        slots = self.sensing.delay_s / self.network.slot_s
+        if slots > _LONGEST_MEMORY_SLOTS:
+            raise ValueError(
+                f"sensing.delay_s is {slots:.0f} slots, of which {_LONGEST_MEMORY_SLOTS} can be "
+                "remembered"
+            )
         return self
 
     @property

@@ -64,7 +64,9 @@ def most_balanced(
     ``target_users`` (K, M) go with the starts; the other arguments are as above.
     """
     candidates, uavs, _ = starts_m.shape
-    trial = constants._replace(flies_stations=False, outages=NO_OUTAGES)
+    trial = constants._replace(
+        flies_stations=False, outages=NO_OUTAGES, senses_truth=True, delay_slots=0
+    )
     worlds = Worlds.zeros(trial, candidates, uavs, len(users_m))
     worlds.user_coordinates_m[:] = users_m.T
     worlds.target_users[:] = target_users

@@ -13,7 +13,12 @@ from orchid_uav.envs import Parameters, WorldBatch
 from orchid_uav.envs.interfaces.spaces import observation_space, state_space
 from orchid_uav.envs.keys import fields_by_key, values_of
 
-FEW = {"network.user_count": 6, "network.uav_count": 3, "deployment.n_init": 3}
+FEW = {
+    "deployment.balanced_restarts": 3,
+    "network.user_count": 6,
+    "network.uav_count": 3,
+    "deployment.n_init": 3,
+}
 """Greatest numbers of what only costs time."""
 
 
