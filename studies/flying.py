@@ -136,6 +136,11 @@ def fly(case: Case, runs: Sequence[Path]) -> dict[str, Any]:
     }
 
 
+def _fly_number(number: int, runs: Sequence[Path]) -> dict[str, Any]:
+    """:func:`fly` for a process of its own."""
+    return fly(CASES[number], runs)
+
+
 def main() -> None:
     """Fly all cases, and write."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -157,7 +162,9 @@ def main() -> None:
         cases = before["cases"] if before["settings"] == settings else {}
     with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool:
         waiting = {
-            pool.submit(fly, case, runs): case.key for case in CASES if case.key not in cases
+            pool.submit(_fly_number, number, runs): case.key
+            for number, case in enumerate(CASES)
+            if case.key not in cases
         }
         for finished in as_completed(waiting):
             cases[waiting[finished]] = finished.result()

@@ -7,10 +7,19 @@ import pytest
 
 from orchid_uav.agents.controllers.heuristics import BalancedLoiter, Track
 from orchid_uav.envs import Parameters, WorldBatch, make_vec_env
+from orchid_uav.envs.diagnostics import Diagnostics
 from orchid_uav.envs.knowledge.counterfactuals import shifts_m
 from orchid_uav.envs.knowledge.informed import INFORMED_NAMES, INFORMED_SIZE
 from orchid_uav.envs.knowledge.outages import Outage
-from orchid_uav.envs.metrics import COLLISIONS, LOAD_JFI, PROPULSION_POWER, RATE_JFI, SUM_RATE
+from orchid_uav.envs.metrics import (
+    COLLISIONS,
+    COVERAGE,
+    ENERGY_EFFICIENCY,
+    LOAD_JFI,
+    PROPULSION_POWER,
+    RATE_JFI,
+    SUM_RATE,
+)
 from orchid_uav.envs.propulsion import propulsion_power_w
 
 WALKING = {"network.user_speed_mps": 10.0, "network.heading_hold_s": 5.0}
@@ -275,3 +284,33 @@ class TestInformed:
         moves_m = shifts_m()
         lengths_m = np.linalg.norm(moves_m, axis=1)
         np.testing.assert_allclose(lengths_m, [0.0, *[60.0] * 8, *[180.0] * 8, *[400.0] * 8])
+
+
+class TestLaterSlots:
+    def test_metrics_may_begin_later_than_the_episode(self):
+        world = begun(2, **WALKING)
+        diagnostics = Diagnostics(world)
+        diagnostics.begin()
+        flown = []
+        for slot in range(10):
+            if slot == 6:
+                world.forget_metrics()
+                diagnostics.begin()
+            world.step(np.random.default_rng(slot).uniform(-1, 1, still(world).shape))
+            diagnostics.observe()
+            flown.append(world.arrays.metrics.copy())
+        for index in range(2):
+            metrics = world.episode_metrics(index)
+            expected = np.mean(flown[6:], axis=0)[index]
+            assert metrics["rate_jfi"] == pytest.approx(expected[RATE_JFI])
+            assert metrics["collisions"] == np.sum(flown[6:], axis=0)[index, COLLISIONS]
+            weights = [0.5 * one[index, [COVERAGE, LOAD_JFI, RATE_JFI]].sum() for one in flown[6:]]
+            scale = world.constants.efficiency_scale_bit_per_joule
+            efficiency = [0.5 * one[index, ENERGY_EFFICIENCY] / scale for one in flown[6:]]
+            utility = diagnostics.episode_metrics(index)["utility"]
+            assert utility == pytest.approx(np.mean(weights) + np.mean(efficiency))
+        world.reset()
+        world.step(still(world))
+        assert world.episode_metrics(0)["rate_jfi"] == pytest.approx(
+            world.arrays.metrics[0, RATE_JFI]
+        )
