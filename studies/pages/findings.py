@@ -9,7 +9,7 @@ from orchid_uav.experiments.evaluation.methods import RELEASED
 from orchid_uav.experiments.metrics import HEADROOM
 from orchid_uav.experiments.statistics.results import EvaluationResult
 from studies.pages.ablation import CONTROLS, NAME, above_doing_nothing, must_hold
-from studies.pages.flying import BOUND, RULE, TWIN, case_of, cases
+from studies.pages.flying import BOUND, LEARNED, RULE, TWIN, case_of, cases
 from studies.pages.markdown import ROOT
 from studies.recording import read_ablation, read_evaluation
 
@@ -62,7 +62,7 @@ def _learning(flown: Mapping[tuple[str, bool], EvaluationResult]) -> str:
     resets = [f"{gain:.3f}" for gain in above_doing_nothing(read_ablation(CONTROLS), "reset-only")]
     must_hold((len(better), len(resets)) == (1, 2), "one seed and two of the control are better")
     return (
-        "**The trained policies are no better than doing nothing.** *Utility*, the paper's "
+        "**Trained as the paper says, policies are no better than doing nothing.** *Utility*, the paper's "
         "objective, is a weighted sum of coverage (the share of the drones' people who are "
         "served), energy efficiency and two indices of fairness. The policy of the paper's method, "
         f"`orchid`, reaches {own:.3f}; its *zero-action twin*, which starts at the same places and "
@@ -131,6 +131,12 @@ def _flying() -> str:
     )
     less = [late["learned_less"][rule]["utility"] for rule in (RULE, BOUND)]
     must_hold(all(one["ci95"][0] > 0.0 for one in less), "learning wins where knowledge is bad")
+    learned = [
+        methods[LEARNED]["utility"] - methods[RULE]["utility"] for methods in (slowest, fastest)
+    ]
+    must_hold(
+        0.0 < min(learned) < max(learned) < 0.002, "the learned policy is as good as the rule"
+    )
     setting = late["setting"]
     return (
         "**Learning earns its place where knowledge is wrong or old.** If an action moves the "

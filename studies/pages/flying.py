@@ -244,7 +244,7 @@ def draw_flying() -> Path:
         gain.axhline(0.0, color="black", lw=0.8)
         gain.set_xticks(range(len(texts)), texts)
         gain.set_xlim(-0.5, len(texts) - 0.5)
-        gain.set_xlabel("users' positions off and old, at 15 m/s")
+        gain.set_xlabel("positions off, old (15 m/s)")
         gain.set_ylabel(f"rate JFI of {LEARNED}\nless that of the rule")
         figure.legend(loc="outside lower center", ncols=4)
         figure.savefig(PICTURE)
