@@ -24,6 +24,26 @@ PRESETS = {
             "training": {"episodes": 100},
         },
     ),
+    "informed": Preset(
+        "the paper's method where it can move something: on stations, for users that walk, with an "
+        "observation that says what a UAV on board knows; some ten minutes of one core",
+        {
+            "network": {"user_speed_mps": 15.0, "heading_hold_s": 20.0},
+            "uav": {"flight": "station", "observation": "informed"},
+            "deployment": {"init": "balanced"},
+            "ppo": {
+                "actor_learning_rate": 3e-4,
+                "discount": 0.9,
+                "gae_lambda": 0.9,
+                "batch_size": 512,
+                "epochs": 3,
+                "entropy_coef": (0.0, 0.0),
+                "log_std_init": -1.0,
+            },
+            "checkpoint": {"every_episodes": 500},
+            "training": {"episodes": 3000, "worlds": 20, "center_rewards": True},
+        },
+    ),
     "distilled": Preset(
         "a policy on stations that imitates best response and knows less than it, some twelve "
         "minutes of one core",

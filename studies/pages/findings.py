@@ -62,8 +62,8 @@ def _learning(flown: Mapping[tuple[str, bool], EvaluationResult]) -> str:
     resets = [f"{gain:.3f}" for gain in above_doing_nothing(read_ablation(CONTROLS), "reset-only")]
     must_hold((len(better), len(resets)) == (1, 2), "one seed and two of the control are better")
     return (
-        "**Trained as the paper says, policies are no better than doing nothing.** *Utility*, the paper's "
-        "objective, is a weighted sum of coverage (the share of the drones' people who are "
+        "**Trained as the paper says, policies are no better than doing nothing.** *Utility*, the "
+        "paper's objective, is a weighted sum of coverage (the share of the drones' people who are "
         "served), energy efficiency and two indices of fairness. The policy of the paper's method, "
         f"`orchid`, reaches {own:.3f}; its *zero-action twin*, which starts at the same places and "
         f"stays there, {twin:.3f}. Of the {_word(len(of_paper))} policies with the paper's "

@@ -631,7 +631,7 @@ class TestCompletion:
         assert complete("runs", "list", "--where", "stat") == ["status"]
         assert complete("train", "--track", "ml") == ["mlflow"]
         assert complete("train", "--preset", "q") == ["quick"]
-        assert complete("ablate", "--preset", "") == ["paper", "quick", "distilled"]
+        assert complete("ablate", "--preset", "") == ["paper", "quick", "informed", "distilled"]
 
     @pytest.mark.parametrize(
         "words", [("train", "--set"), ("eval", "--set"), ("ablate", "--set"), ("ablate", "--base")]
