@@ -160,8 +160,7 @@ class UavParameters(Section):
     power_step_w: Annotated[float, within(0.0, 1e4)] = 0.01
     """Change delta_p of the transmit power per slot for an action of 1."""
     observation: Observation = "paper"
-    """What a UAV observes: the 16 numbers of Section IV-C1 (M18), or `informed`, what it knows
-    of its users and neighbours (M40)."""
+    """Section IV-C1's 16 numbers (M18), or `informed`, 98 of own users and neighbours (M40)."""
     flight: Flight = "direct"
     """What an action moves: the UAV itself, as in the paper, or the station it circles (M38)."""
     station: StationParameters = StationParameters()
@@ -315,8 +314,7 @@ class DeploymentParameters(Section):
     """Phase I: where UAVs start."""
 
     init: Annotated[Start, Flag("init", "method")] = "kmeans"
-    """Where UAVs start: at GBS-aware K-Means++ centroids, at the most balanced of several such
-    clusterings (M41), or at random positions (M28)."""
+    """Where UAVs start: K-Means++ centroids, the most balanced of some (M41), or random (M28)."""
     n_init: Annotated[int, within(1, 10_000)] = 1
     """Number of K-Means++ runs, of which the one with the least WCSS is kept (M27)."""
     balanced_restarts: Annotated[int, within(0, 10_000)] = 30
