@@ -12,6 +12,7 @@ RELEASED = {
     "orchid-no-rf": "MAPPO without Reset-and-Finetune",
     "orchid-pf": "proportional fairness in reward and shares, repeated resets",
     "orchid-random-init": "trained and flown from random starts",
+    "orchid-informed": "the paper's method on stations, told what a UAV on board knows",
     "orchid-distilled": "imitates best response, and knows when it is told wrong or late",
     "orchid-tuned": "orchid with the best recipe of its search",
     "maddpg-pf": "Baseline 1: MADDPG, proportional fairness, best recipe of its search",

@@ -127,6 +127,7 @@ COMMANDS: dict[str, tuple[str, ...]] = {
     "orchid-no-rf": ("--no-rf",),
     "orchid-pf": ("--objective", "pf", "--episodes", "1000", "--set", "reset.max_resets=3"),
     "orchid-random-init": ("--init", "random"),
+    "orchid-informed": ("--preset", "informed"),
     "orchid-distilled": ("--preset", "distilled"),
     "orchid-tuned": _TUNED_MAPPO,
     "maddpg-pf": ("--algorithm", "maddpg", "--objective", "pf", *_TUNED_MADDPG),

@@ -30,7 +30,7 @@ _SOLID, _DASHED, _LONG = (0, ()), (0, (4, 1.5)), (0, (8, 2))
 _DOT, _TWO_DOTS = (0, (5, 1.5, 1, 1.5)), (0, (5, 1.5, 1, 1.5, 1, 1.5))
 _TWO_DASHES, _SPARSE = (0, (4, 1.5, 4, 1.5, 1, 1.5)), (0, (1.5, 2.5))
 _THREE_DOTS, _SHORT = (0, (5, 1.5, 1, 1.5, 1, 1.5, 1, 1.5)), (0, (2.5, 1))
-_LONG_DOT = (0, (10, 2, 2, 2))
+_LONG_DOT, _LONG_SHORT = (0, (10, 2, 2, 2)), (0, (10, 2, 4, 2))
 _TWIN_LINE, _SAMPLED_LINE = (0, (1, 1)), (0, (2, 1))
 
 _Look = tuple[str, Any, Any]
@@ -43,6 +43,7 @@ _LEARNED: dict[str, _Look] = {
     "maddpg-pf": (_GREEN, "v", _LONG),
     "maddpg-mmf": (_PURPLE, "p", _TWO_DASHES),
     "orchid-tuned": (_BLACK, (8, 1, 0), _SPARSE),
+    "orchid-informed": (_GREEN, (12, 1, 0), _LONG_SHORT),
     "orchid-distilled": (_BLUE, (9, 1, 0), _LONG_DOT),
     "maddpg-pf-paper": (_SKY, (5, 1, 180), _THREE_DOTS),
     "maddpg-mmf-paper": (_VERMILLION, (3, 1, 180), _SHORT),
