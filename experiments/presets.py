@@ -14,7 +14,7 @@ class Preset(NamedTuple):
 
 
 PRESETS = {
-    "paper": Preset("the paper's run, two to five minutes of one core", {}),
+    "paper": Preset("the paper's run, one to three minutes of one core", {}),
     "quick": Preset(
         "a run of half a minute, on a slow core of one, for trying things: the paper's network, "
         "fewer episodes, and a Reset-and-Finetune that leaves more than half of them after a reset",
@@ -26,7 +26,7 @@ PRESETS = {
     ),
     "informed": Preset(
         "the paper's method where it can move something: on stations, for users that walk, with an "
-        "observation that says what a UAV on board knows; some ten minutes of one core",
+        "observation that says what a UAV on board knows; eight minutes of one core",
         {
             "network": {"user_speed_mps": 15.0, "heading_hold_s": 20.0},
             "uav": {"flight": "station", "observation": "informed"},

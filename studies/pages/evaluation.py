@@ -31,7 +31,8 @@ UAV_METRICS = ("energy_efficiency_bit_per_joule", "rate_jfi", "load_jfi", "worst
 README_METHODS = (
     *("orchid", "orchid-zero", "orchid-no-rf", "orchid-tuned", "orchid-tuned-zero"),
     *("maddpg-mmf", "maddpg-mmf-zero", "maddpg-mmf-paper", "static-mmf", "loiter-mmf"),
-    *("balanced-loiter", "balanced-loiter-120", "orchid-distilled", "orchid-distilled-zero"),
+    *("balanced-loiter", "balanced-loiter-120", "orchid-informed", "orchid-informed-zero"),
+    *("orchid-distilled", "orchid-distilled-zero"),
     *("best-response", "receding-horizon", "planner"),
 )
 README_METRICS = (

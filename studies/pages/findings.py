@@ -17,7 +17,8 @@ WIDTH = 104
 _LANGUAGES = {".toml": "toml", ".py": "python"}
 
 
-SEARCHED, DISTILLED = ("orchid-tuned", "maddpg-pf", "maddpg-mmf"), "orchid-distilled"
+SEARCHED = ("orchid-tuned", "maddpg-pf", "maddpg-mmf")
+ON_STATIONS = ("orchid-informed", "orchid-distilled")
 
 
 def findings_block() -> str:
@@ -51,7 +52,7 @@ def _learning(flown: Mapping[tuple[str, bool], EvaluationResult]) -> str:
         - flown[f"{key}-zero", True].metrics["utility"].mean
         for key in RELEASED
     }
-    of_paper = {key: gain for key, gain in gains.items() if key not in (*SEARCHED, DISTILLED)}
+    of_paper = {key: gain for key, gain in gains.items() if key not in (*SEARCHED, *ON_STATIONS)}
     searched = [gains[key] for key in SEARCHED]
     above = [key for key, gain in of_paper.items() if gain > 0.0]
     must_hold(above == ["orchid-random-init"], "one policy with the paper's numbers is better")

@@ -20,7 +20,7 @@ from orchid_uav.experiments.runs.directory import final_metrics, read_episodes
 from studies.reference_policies import EVALUATION_FILE, KEPT_FILES, REFERENCE, TOPOLOGIES, fly
 
 KEYS = sorted(RELEASED)
-EPISODES = {"orchid-pf": 1000, "orchid-distilled": 400}
+EPISODES = {"orchid-pf": 1000, "orchid-distilled": 400, "orchid-informed": 3000}
 """Of policies that have others than the paper's."""
 
 
@@ -108,7 +108,9 @@ def test_the_record_agrees_with_the_episodes(key):
     assert record["final"] == pytest.approx(final_metrics(rows))
     resets = [row["episode"] for row in rows if row["reset"]]
     assert resets == record["reset_episodes"]
-    assert bool(resets) == (key in ("orchid", "orchid-pf", "orchid-random-init", "orchid-tuned"))
+    assert bool(resets) == (
+        key in ("orchid", "orchid-pf", "orchid-random-init", "orchid-tuned", "orchid-informed")
+    )
 
 
 def test_no_record_names_a_machine_or_a_path_of_one():
