@@ -75,7 +75,8 @@ def commands_block() -> str:
         table(header, rows, words=3)
         + "\n\n![Training curves](figures/reference_training.png)\n\n"
         + "Means over the last 50 episodes, with the noise of training in the actions and weights "
-        "of the reward that\nchange with progress. Seconds as recorded, two runs side by side on "
+        "of the reward that\nchange with progress; without the policies on stations, whose "
+        "networks are others. Seconds as recorded, two runs side by side on "
         "two busy cores."
     )
 
@@ -311,13 +312,15 @@ def _digests(figure: Path) -> dict[str, str]:
 
 
 def draw_training(path: Path) -> None:
-    """Draw the training curves of the released policies."""
+    """Draw the training curves of the released policies that learned in the paper's network."""
     from orchid_uav.experiments.figures.learning_curves import draw_learning_curves
     from orchid_uav.experiments.figures.style import setting_of
 
-    runs = {key: REFERENCE / key for key in COMMANDS}
+    every = {key: REFERENCE / key for key in COMMANDS}
+    configurations = {key: read_config(run, read_record(run)) for key, run in every.items()}
+    runs = {key: run for key, run in every.items() if configurations[key].uav.flight == "direct"}
     groups = {key: [read_episodes(run / "episodes.csv")] for key, run in runs.items()}
-    title = setting_of(flatten(read_config(run, read_record(run))) for run in runs.values())
+    title = setting_of(flatten(configurations[key]) for key in runs)
     draw_learning_curves(groups, path, CURVES, CURVE_WINDOW, title=title)
 
 
