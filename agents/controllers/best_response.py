@@ -6,7 +6,7 @@ dynamics in an approximate potential game.
 
 import numpy as np
 
-from orchid_uav.agents.controllers.controller import Actions, no_actions
+from orchid_uav.agents.controllers.controller import Actions, check_stations, station_actions
 from orchid_uav.envs.arrays import Floats, Worlds
 from orchid_uav.envs.knowledge.counterfactuals import TEMPERATURE, answer_worlds, shifts_m
 from orchid_uav.envs.knowledge.neighbourhood import AHEAD_S
@@ -45,8 +45,7 @@ class BestResponse:
         Raises:
             ValueError: it moves the UAVs themselves.
         """
-        if not world.constants.flies_stations:
-            raise ValueError("best response moves stations: it needs uav.flight = station")
+        check_stations(world, "best response")
         self._answer = world.specialised(answer_worlds)
 
     def wanted_moves_m(self, world: WorldBatch) -> Floats:
@@ -73,10 +72,4 @@ class BestResponse:
 
     def act(self, world: WorldBatch) -> Actions:
         """Towards the moves that are wanted."""
-        actions = no_actions(world)
-        limit_mps = world.constants.station_speed_limit_mps
-        if limit_mps > 0.0:
-            velocity_mps = self.wanted_moves_m(world) * self.haste_per_s
-            speed_mps = np.linalg.norm(velocity_mps, axis=-1, keepdims=True)
-            actions[..., :2] = velocity_mps / np.maximum(speed_mps, limit_mps)
-        return actions
+        return station_actions(world, self.wanted_moves_m(world) * self.haste_per_s)

@@ -27,6 +27,22 @@ def no_actions(world: WorldBatch) -> Actions:
     return np.zeros((world.world_count, world.uav_count, ACTION_SIZE))
 
 
+def check_stations(world: WorldBatch, rule: str) -> None:
+    """Raise ValueError where an action moves the UAVs themselves, and not their stations."""
+    if not world.constants.flies_stations:
+        raise ValueError(f"{rule} moves stations: it needs uav.flight = station")
+
+
+def station_actions(world: WorldBatch, velocities_mps: NDArray[np.float64]) -> Actions:
+    """Actions that give stations these velocities (B, N, 2), shortened to their limit (M38)."""
+    actions = no_actions(world)
+    limit_mps = world.constants.station_speed_limit_mps
+    if limit_mps > 0.0:
+        speeds_mps = np.linalg.norm(velocities_mps, axis=-1, keepdims=True)
+        actions[..., :2] = velocities_mps / np.maximum(speeds_mps, limit_mps)
+    return actions
+
+
 def act_towards(
     world: WorldBatch, displacement_m: NDArray[np.float64], power_change: float = 0.0
 ) -> Actions:

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from orchid_uav.agents.controllers.controller import Actions, no_actions
+from orchid_uav.agents.controllers.controller import Actions, check_stations, station_actions
 from orchid_uav.envs.arrays import Constants, Floats, Worlds
 from orchid_uav.envs.compilation import SOURCES, compiled
 from orchid_uav.envs.knowledge.neighbourhood import NEIGHBOURS, nearest_stations, sum_up_cells
@@ -48,8 +48,7 @@ class Forces:
         Raises:
             ValueError: it moves the UAVs themselves.
         """
-        if not world.constants.flies_stations:
-            raise ValueError("forces move stations: they need uav.flight = station")
+        check_stations(world, "forces")
 
     def act(self, world: WorldBatch) -> Actions:
         """The sum of the forces as a velocity."""
@@ -58,12 +57,7 @@ class Forces:
         world.divide(
             lambda part, worlds: pull_worlds(world.constants, worlds, gains, velocities_mps[part])
         )
-        actions = no_actions(world)
-        limit_mps = world.constants.station_speed_limit_mps
-        if limit_mps > 0.0:
-            speed_mps = np.linalg.norm(velocities_mps, axis=-1, keepdims=True)
-            actions[..., :2] = velocities_mps / np.maximum(speed_mps, limit_mps)
-        return actions
+        return station_actions(world, velocities_mps)
 
 
 @compiled

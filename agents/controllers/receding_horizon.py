@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from orchid_uav.agents.controllers.controller import Actions, no_actions
+from orchid_uav.agents.controllers.controller import Actions, check_stations, station_actions
 from orchid_uav.envs.arrays import Constants, Floats, Worlds
 from orchid_uav.envs.channel import signal_to_noise_ratio, spectral_efficiency
 from orchid_uav.envs.compilation import SOURCES, compiled
@@ -50,8 +50,7 @@ class RecedingHorizon:
         Raises:
             ValueError: an action moves the UAVs themselves.
         """
-        if not world.constants.flies_stations:
-            raise ValueError("receding horizon moves stations: it needs uav.flight = station")
+        check_stations(world, "receding horizon")
         self._search = world.specialised(search_worlds)
         self._wanted_m = world.arrays.stations_m.copy()
 
@@ -65,13 +64,7 @@ class RecedingHorizon:
                     world.constants, worlds, self.period_s, self.trials, self._wanted_m[part]
                 )
             )
-        actions = no_actions(world)
-        limit_m = world.constants.station_speed_limit_mps * slot_s
-        if limit_m > 0.0:
-            missing_m = self._wanted_m - world.arrays.stations_m
-            distance_m = np.linalg.norm(missing_m, axis=-1, keepdims=True)
-            actions[..., :2] = missing_m / np.maximum(distance_m, limit_m)
-        return actions
+        return station_actions(world, (self._wanted_m - world.arrays.stations_m) / slot_s)
 
 
 @compiled
