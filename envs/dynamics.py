@@ -161,6 +161,10 @@ def _move_uavs(constants: Constants, worlds: Worlds, world: int, actions: Floats
         velocity[1] = (y_m - position[1]) / slot_s
         velocity[2] = (z_m - position[2]) / slot_s
         position[0], position[1], position[2] = x_m, y_m, z_m
+        if not constants.flies_stations:  # a UAV is its own station
+            worlds.stations_m[world, uav, 0], worlds.stations_m[world, uav, 1] = x_m, y_m
+            worlds.station_velocities_mps[world, uav, 0] = velocity[0]
+            worlds.station_velocities_mps[world, uav, 1] = velocity[1]
         power_w = worlds.transmit_powers_w[world, uav]
         change = clipped(actions[uav, 3], -1.0, 1.0)
         if constants.flies_stations and constants.station_power_w > 0.0:
@@ -175,9 +179,6 @@ def _move_uavs(constants: Constants, worlds: Worlds, world: int, actions: Floats
         )
     if constants.flies_stations:
         settle_stations(constants, worlds, world)
-    else:
-        worlds.stations_m[world] = worlds.positions_m[world, :, :2]
-        worlds.station_velocities_mps[world] = worlds.velocities_mps[world, :, :2]
 
 
 @njit(error_model="numpy", forceinline=True)
@@ -397,8 +398,19 @@ def _score(constants: Constants, worlds: Worlds, world: int, progress: float) ->
             constants.boundary_penalty,
             backhaul_penalty,
         )
-    worlds.episode_sums[world, 0] += worlds.rewards[world].mean()
-    worlds.episode_sums[world, 1:] += metrics
+    _add_up(worlds, world)
+
+
+@njit(error_model="numpy", forceinline=True)
+def _add_up(worlds: Worlds, world: int) -> None:
+    """Add the slot's mean reward and metrics to the episode's sums."""
+    reward, uavs = 0.0, worlds.rewards.shape[1]
+    for uav in range(uavs):
+        reward += worlds.rewards[world, uav]
+    sums = worlds.episode_sums[world]
+    sums[0] += reward / uavs
+    for metric in range(worlds.metrics.shape[1]):
+        sums[1 + metric] += worlds.metrics[world, metric]
 
 
 @njit(error_model="numpy", forceinline=True)
