@@ -215,13 +215,9 @@ def _learn(
     if run.is_resumed:
         # Everything exists by now, so that the checkpoint overwrites what building it has set. The
         # generators come last in `Training.restore`: building and restoring may draw from them.
-        outcome.rows = _go_back(training, checkpoints, run, reporter)
+        _resume(training, checkpoints, outcome, reporter, trackers)
         if reset_and_finetune is not None:
             outcome.reset_episodes = reset_and_finetune.reset_episodes
-        outcome.seconds = run.record.seconds
-        outcome.is_restored = True  # from here on, a failure is recorded with these results
-        for tracker in trackers:
-            tracker.resume(len(outcome.rows))
     # SB3 counts the rows of all agents as timesteps.
     rows_per_episode = config.network.episode_slots * env.agents_per_world
     reporter.begin(run, config, outcome.rows, outcome.reset_episodes)
@@ -256,11 +252,7 @@ def _imitate(
     checkpoints = CheckpointStore(run.path, run.id, config.checkpoint.keep, run.record.former_ids)
     training = Imitation(learner, checkpoints)
     if run.is_resumed:
-        outcome.rows = _go_back(training, checkpoints, run, reporter)
-        outcome.seconds = run.record.seconds
-        outcome.is_restored = True
-        for tracker in trackers:
-            tracker.resume(len(outcome.rows))
+        _resume(training, checkpoints, outcome, reporter, trackers)
     reporter.begin(run, config, outcome.rows, outcome.reset_episodes)
     started = time.perf_counter() - outcome.seconds
     try:
@@ -279,6 +271,21 @@ def _imitate(
         outcome.seconds = time.perf_counter() - started
         reporter.end()
     return LearnedPolicy(learner.actor_layers(), learner.exploration_log_std())
+
+
+def _resume(
+    training: Training | Imitation,
+    checkpoints: CheckpointStore,
+    outcome: TrainingOutcome,
+    reporter: Reporter,
+    trackers: Sequence[SafeTracker],
+) -> None:
+    """Go back to the latest checkpoint, and update ``outcome`` and the trackers."""
+    outcome.rows = _go_back(training, checkpoints, outcome.run, reporter)
+    outcome.seconds = outcome.run.record.seconds
+    outcome.is_restored = True  # from here on, a failure is recorded with these results
+    for tracker in trackers:
+        tracker.resume(len(outcome.rows))
 
 
 def _go_back(
