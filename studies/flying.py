@@ -1,8 +1,8 @@
-"""What flies well: ``python -m studies.flying --runs DIRECTORY``.
+"""What flies well: ``python -m studies.flying --distilled DIRECTORY --informed DIRECTORY``.
 
-Policies of several training seeds, their zero-action twin and the rules on stations, over one axis
-at a time from six UAVs and a hundred users that walk at 10 m/s. Differences are paired by topology.
-Results are written after every setting, and the same command continues there.
+Policies of several training seeds of each kind, their zero-action twins and the rules on stations,
+over one axis at a time from six UAVs and a hundred users that walk at 10 m/s. Differences are
+paired by topology. Results are written after every setting, and the same command continues there.
 """
 
 import argparse
@@ -28,9 +28,9 @@ from studies.recording import RESULTS, add_allow_changes, record, require_commit
 
 NAME = "flying"
 TOPOLOGIES, EVALUATION_SEED = 100, 0
-LEARNED = "orchid-distilled"
+LEARNED = ("orchid-distilled", "orchid-informed")
 RULES = ("best-response", "forces")
-OLD_RULES = ("track-120", "track", "balanced-loiter", "loiter-mmf", "static-mmf")
+OLD_RULES = ("planner", "track-120", "track", "balanced-loiter", "loiter-mmf", "static-mmf")
 BOUND = "receding-horizon"
 METRICS = (
     "utility",
@@ -41,6 +41,7 @@ METRICS = (
     "thrust_energy_efficiency_bit_per_joule",
     "coverage",
     "collisions",
+    "blocking_pairs",
 )
 PAIRED = ("utility", "rate_jfi", "worst_rate_bps", "thrust_energy_efficiency_bit_per_joule")
 
@@ -55,6 +56,8 @@ class Case(NamedTuple):
     first_slot: int = 1
     with_bound: bool = True
     """Whether the receding horizon is flown as well, which takes longest."""
+    with_old: bool = False
+    """Whether the rules that do not use stations are flown as well."""
 
     @property
     def key(self) -> str:
@@ -68,7 +71,18 @@ BASE = Setting(speed_mps=10.0, heading_hold_s=20.0)
 FAST = BASE._replace(speed_mps=15.0)
 STILL = BASE._replace(speed_mps=0.0)
 CASES = (
-    *(Case("speed", BASE._replace(speed_mps=speed)) for speed in (0.0, 5.0, 10.0, 15.0)),
+    *(
+        Case("speed", BASE._replace(speed_mps=speed), with_old=True)
+        for speed in (0.0, 5.0, 10.0, 15.0)
+    ),
+    *(
+        Case("headings of 1 s", BASE._replace(speed_mps=speed, heading_hold_s=1.0), with_old=True)
+        for speed in (10.0, 15.0)
+    ),
+    *(  # a case is one slot: that with which its episodes end
+        Case("convergence", STILL, {"network.episode_slots": slot}, slot, with_bound=False)
+        for slot in (1, 10, 20, 30, 60, 100, 200)
+    ),
     *(Case("UAVs at 15 m/s", FAST._replace(uavs=uavs)) for uavs in (4, 10)),
     *(
         Case("Phase I", STILL, {"network.sensing_error_std_m": error}, 31)
@@ -85,58 +99,71 @@ CASES = (
 )
 
 
-def contenders(case: Case, runs: Sequence[Path]) -> dict[str, Contender]:
-    """Policies by seed, their twin, and the rules, by the names that the results have."""
-    policies = [read_policy(path) for path in runs]
-    found = {
-        f"{LEARNED}-s{policy.config.training.seed}": rows_of(policy, LEARNED, "", False, False)[0]
-        for policy in policies
-    }
-    found[f"{LEARNED}-zero"] = rows_of(policies[0], LEARNED, "", False, True)[0]
+def contenders(case: Case, runs: Mapping[str, Sequence[Path]]) -> dict[str, Contender]:
+    """Policies by seed, their twins, and the rules, by the names that the results have.
+
+    Args:
+        case: the setting.
+        runs: run directories by the kind of policy, one of LEARNED.
+    """
+    found: dict[str, Contender] = {}
+    for kind, paths in runs.items():
+        policies = [read_policy(path) for path in paths]
+        for policy in policies:
+            name = f"{kind}-s{policy.config.training.seed}"
+            found[name] = rows_of(policy, kind, "", False, False)[0]
+        found[f"{kind}-zero"] = rows_of(policies[0], kind, "", False, True)[0]
     # Where Phase I sees the users as they are, both starts are the same, and one is drawn for all.
     on_stations = [*RULES, *([BOUND] if case.with_bound else [])]
     keys = {key: f"{key}{SENSED}" for key in on_stations}
-    if case.axis == "speed":
+    if case.with_old:
         keys |= {key: key for key in OLD_RULES}
     for name, key in keys.items():
         found[name] = select([key])[0]
     return {name: replace(contender, key=name) for name, contender in found.items()}
 
 
-def fly(case: Case, runs: Sequence[Path]) -> dict[str, Any]:
+def fly(case: Case, runs: Mapping[str, Sequence[Path]]) -> dict[str, Any]:
     """Means of all methods, and differences of the learned policies to the others."""
     flown_by = contenders(case, runs).values()
     world = Parameters().with_overrides(dict(case.overrides))
     plan = Plan(list(flown_by), [case.setting], TOPOLOGIES, EVALUATION_SEED, world, case.first_slot)
     flown, _ = evaluate(plan)
     found = {key[len(case.setting)]: metrics for key, metrics in flown.items()}
-    seeds = [name for name in found if name.startswith(f"{LEARNED}-s")]
-    means: dict[str, NDArray[np.float64]] = {
-        metric: np.mean([found[name][metric] for name in seeds], axis=0)
-        for metric in EVALUATION_METRICS
+    seeds = {kind: [name for name in found if name.startswith(f"{kind}-s")] for kind in runs}
+    means: dict[str, dict[str, NDArray[np.float64]]] = {
+        kind: {
+            metric: np.mean([found[name][metric] for name in names], axis=0)
+            for metric in EVALUATION_METRICS
+        }
+        for kind, names in seeds.items()
     }
-    others = {name: metrics for name, metrics in found.items() if name not in seeds}
+    of_a_seed = {name for names in seeds.values() for name in names}
+    others = {name: metrics for name, metrics in found.items() if name not in of_a_seed}
     return {
         "axis": case.axis,
         "setting": case.setting._asdict() | dict(case.overrides),
         "first_slot": case.first_slot,
         "methods": {
             name: {metric: float(metrics[metric].mean()) for metric in METRICS}
-            for name, metrics in {LEARNED: means, **found}.items()
+            for name, metrics in {**means, **found}.items()
         },
         "least_coverage": {
             name: float(metrics["coverage"].min()) for name, metrics in found.items()
         },
         "learned_less": {
-            name: {
-                metric: summarise(means[metric] - metrics[metric]).to_json() for metric in PAIRED
+            kind: {
+                name: {
+                    metric: summarise(mean[metric] - metrics[metric]).to_json() for metric in PAIRED
+                }
+                for name, metrics in others.items()
             }
-            for name, metrics in others.items()
+            for kind, mean in means.items()
         },
     }
 
 
-def _fly_number(number: int, runs: Sequence[Path]) -> dict[str, Any]:
+def _fly_number(number: int, runs: Mapping[str, Sequence[Path]]) -> dict[str, Any]:
     """:func:`fly` for a process of its own."""
     return fly(CASES[number], runs)
 
@@ -144,17 +171,31 @@ def _fly_number(number: int, runs: Sequence[Path]) -> dict[str, Any]:
 def main() -> None:
     """Fly all cases, and write."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--runs", type=Path, required=True, help="runs of --preset distilled")
+    for kind in LEARNED:
+        preset = kind.removeprefix("orchid-")
+        parser.add_argument(
+            f"--{preset}", type=Path, required=True, help=f"runs of --preset {preset}"
+        )
     parser.add_argument("--json", type=Path, default=RESULTS / f"{NAME}.json", metavar="FILE")
     parser.add_argument("--jobs", type=int, default=1)
     add_allow_changes(parser)
     options = parser.parse_args()
     require_commit(parser, options, options.json)
-    runs = sorted(path for path in options.runs.iterdir() if (path / "policy.json").is_file())
+    runs = {
+        kind: sorted(
+            path
+            for path in getattr(options, kind.removeprefix("orchid-")).iterdir()
+            if (path / "policy.json").is_file()
+        )
+        for kind in LEARNED
+    }
     settings = {
         "topologies": TOPOLOGIES,
         "evaluation_seed": EVALUATION_SEED,
-        "training_seeds": sorted(read_policy(path).config.training.seed for path in runs),
+        "training_seeds": {
+            kind: sorted(read_policy(path).config.training.seed for path in paths)
+            for kind, paths in runs.items()
+        },
     }
     cases: dict[str, Any] = {}
     if options.json.exists():

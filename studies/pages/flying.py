@@ -10,17 +10,18 @@ from studies.recording import read
 
 NAME = "flying"
 PICTURE = FIGURES / f"{NAME}.png"
-LEARNED, RULE, BOUND = "orchid-distilled", "best-response", "receding-horizon"
+LEARNED, INFORMED = "orchid-distilled", "orchid-informed"
+RULE, BOUND = "best-response", "receding-horizon"
 TWIN = f"{LEARNED}-zero"
-SHOWN = (LEARNED, TWIN, RULE, BOUND, "forces")
-OLD = ("track-120", "track", "balanced-loiter", "loiter-mmf", "static-mmf")
+SHOWN = (LEARNED, INFORMED, TWIN, RULE, BOUND, "forces")
+OLD = ("planner", "track-120", "track", "balanced-loiter", "loiter-mmf", "static-mmf")
 METRIC_NAMES = (
     *("utility", "rate_jfi", "load_jfi", "worst_rate_bps"),
     "thrust_energy_efficiency_bit_per_joule",
 )
-_SPEED, _UAVS, _PHASE_ONE, _KNOWLEDGE, _FAILURE = (
+_SPEED, _UAVS, _PHASE_ONE, _KNOWLEDGE, _FAILURE, _HEADINGS, _CONVERGENCE = (
     *("speed", "UAVs at 15 m/s", "Phase I"),
-    *("knowledge", "failure"),
+    *("knowledge", "failure", "headings of 1 s", "convergence"),
 )
 
 
@@ -104,7 +105,7 @@ def knowledge_block() -> str:
         error_m, delay_s = setting["sensing.flight_error_std_m"], setting["sensing.delay_s"]
         words = f"{error_m:g} m off, {delay_s:g} s old"
         for rule in (RULE, BOUND):
-            less = case["learned_less"][rule]
+            less = case["learned_less"][LEARNED][rule]
             rows.append([words, f"`{rule}`", *(_less(less[name], name) for name in _PAIRED)])
     heads = [METRICS[name].heading for name in _PAIRED]
     return (
@@ -130,6 +131,42 @@ def speeds_block() -> str:
     return "\n\n".join([*parts, _source()])
 
 
+def headings_block() -> str:
+    """All methods where users change their heading every second."""
+    parts = []
+    for case in cases(_HEADINGS):
+        words = _WORDS[_SPEED].format(case["setting"]["speed_mps"])
+        parts.append(f"**{words}, headings held 1 s**\n\n" + _methods_table(case, (*SHOWN, *OLD)))
+    return "\n\n".join([*parts, _source()])
+
+
+def convergence_block() -> str:
+    """Best response and the learned policies on users who stand still, slot by slot."""
+    rows = []
+    for case in cases(_CONVERGENCE):
+        for name in (RULE, LEARNED, INFORMED, TWIN):
+            found = case["methods"][name]
+            rows.append([f"{case['first_slot']}", f"`{name}`", *_texts(found, _CONVERGING)])
+    heads = [METRICS[name].heading for name in _CONVERGING]
+    return table(["slot", "method", *heads], rows, words=2) + "\n\n" + _source()
+
+
+_CONVERGING = ("utility", "rate_jfi", "blocking_pairs")
+
+
+def informed_block() -> str:
+    """The paper's method on stations less the rules, paired by topology."""
+    rows = []
+    for case in [*cases(_SPEED), *cases(_HEADINGS)]:
+        setting = case["setting"]
+        words = f"{setting['speed_mps']:g} m/s, headings {setting['heading_hold_s']:g} s"
+        for rule in ("planner", "balanced-loiter", "track", f"{INFORMED}-zero", RULE):
+            less = case["learned_less"][INFORMED][rule]
+            rows.append([words, f"`{rule}`", *(_less(less[name], name) for name in _PAIRED)])
+    heads = [METRICS[name].heading for name in _PAIRED]
+    return table(["users", f"`{INFORMED}` less", *heads], rows, words=2) + "\n\n" + _source()
+
+
 def axes_block() -> str:
     """Other numbers of UAVs and users, and users who are everywhere."""
     rows = []
@@ -139,7 +176,7 @@ def axes_block() -> str:
             "UAVs": _WORDS["UAVs"].format(setting["uavs"]),
             "users": _WORDS["users"].format(setting["users"]),
         }.get(case["axis"], _WORDS["distribution"].format(setting["distribution"]))
-        for name in (LEARNED, RULE, TWIN):
+        for name in (LEARNED, INFORMED, RULE, TWIN):
             found = case["methods"][name]
             rows.append([words, f"`{name}`", *_texts(found, METRIC_NAMES)])
     heads = [METRICS[name].heading for name in METRIC_NAMES]
@@ -149,19 +186,21 @@ def axes_block() -> str:
 def seeds_block() -> str:
     """How much the training seeds differ."""
     rows = []
-    for axis, value in ((_SPEED, 0.0), (_SPEED, 15.0), (_UAVS, 4), (_UAVS, 10)):
-        methods = case_of(axis, value)["methods"]
-        found = {name: one for name, one in methods.items() if name.startswith(f"{LEARNED}-s")}
-        texts = [METRICS["rate_jfi"].text(one["rate_jfi"]) for one in found.values()]
-        rows.append([_WORDS[axis].format(value), *texts])
     seeds = read(NAME)["settings"]["training_seeds"]
-    return table(["rate JFI", *(f"seed {seed}" for seed in seeds)], rows) + "\n\n" + _source()
+    for kind in (LEARNED, INFORMED):
+        for axis, value in ((_SPEED, 0.0), (_SPEED, 15.0), (_UAVS, 4), (_UAVS, 10)):
+            methods = case_of(axis, value)["methods"]
+            rates = [methods[f"{kind}-s{seed}"]["rate_jfi"] for seed in seeds[kind]]
+            texts = [METRICS["rate_jfi"].text(rate) for rate in rates]
+            rows.append([f"`{kind}`", _WORDS[axis].format(value), *texts])
+    heads = [f"seed {seed}" for seed in seeds[LEARNED]]
+    return table(["", "rate JFI", *heads], rows, words=2) + "\n\n" + _source()
 
 
 def readme_block() -> str:
     """The figure and a table for the README."""
     case = case_of(_SPEED, 15.0)
-    names = (LEARNED, TWIN, RULE, BOUND, "track", "balanced-loiter", "static-mmf")
+    names = (LEARNED, INFORMED, TWIN, RULE, BOUND, "track", "balanced-loiter", "static-mmf")
     return "\n\n".join(
         [
             f"![Fairness and the worst user's rate over speed](docs/figures/{PICTURE.name})",
@@ -197,7 +236,7 @@ def _source() -> str:
     settings = document["settings"]
     return (
         f"Means over {settings['topologies']} unseen topologies and "
-        f"{len(settings['training_seeds'])} training seeds. {recorded(document)}, "
+        f"{len(settings['training_seeds'][LEARNED])} training seeds. {recorded(document)}, "
         f"`{document['command']}` → "
         f"`studies/results/{NAME}.json`."
     )
@@ -210,7 +249,7 @@ def draw_flying() -> Path:
 
     from orchid_uav.experiments.figures.style import PAGE_IN, STYLE, line_styles
 
-    names = (LEARNED, TWIN, RULE, BOUND, "track", "balanced-loiter", "static-mmf")
+    names = (LEARNED, INFORMED, TWIN, RULE, BOUND, "track", "balanced-loiter", "static-mmf")
     looks = line_styles(names)
     by_speed = cases(_SPEED)
     speeds = [case["setting"]["speed_mps"] for case in by_speed]
@@ -231,7 +270,7 @@ def draw_flying() -> Path:
                 f"{setting['sensing.flight_error_std_m']:g} m,\n{setting['sensing.delay_s']:g} s"
             )
             for shift, rule in ((-0.12, RULE), (0.12, BOUND)):
-                less = case["learned_less"][rule]["rate_jfi"]
+                less = case["learned_less"][LEARNED][rule]["rate_jfi"]
                 low, high = less["ci95"]
                 gain.errorbar(
                     place + shift,
@@ -257,6 +296,9 @@ FLYING_BLOCKS = {
     "flying knowledge": (ROOT / "docs" / "flying.md", knowledge_block),
     "flying failure": (ROOT / "docs" / "flying.md", failure_block),
     "flying speeds": (ROOT / "docs" / "flying.md", speeds_block),
+    "flying headings": (ROOT / "docs" / "flying.md", headings_block),
+    "flying convergence": (ROOT / "docs" / "flying.md", convergence_block),
+    "flying informed": (ROOT / "docs" / "flying.md", informed_block),
     "flying axes": (ROOT / "docs" / "flying.md", axes_block),
     "flying seeds": (ROOT / "docs" / "flying.md", seeds_block),
 }
