@@ -33,7 +33,8 @@ from orchid_uav.notices import note_once, warn_once
 def _digest_of_sources() -> str:
     digest = hashlib.sha256()
     folder = Path(__file__).parent
-    for path in sorted([*folder.glob("*.py"), *folder.glob("knowledge/*.py")]):
+    parts = ("*.py", "knowledge/*.py", "plans/*.py")
+    for path in sorted(path for part in parts for path in folder.glob(part)):
         digest.update(path.read_bytes())
     return digest.hexdigest()
 

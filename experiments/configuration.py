@@ -5,7 +5,7 @@ import tomllib
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
 from pydantic import Field, ValidationError, model_validator
 from pydantic.fields import FieldInfo
@@ -305,8 +305,12 @@ def preset_layer(name: str) -> Layer:
     return Layer(f"preset {name}", _by_dotted_key(PRESETS[name].sections, f"preset {name}"))
 
 
-def file_layer(path: Path, say: Callable[[str], object] = warnings.warn) -> Layer:
-    """A TOML or JSON file with sections, or a pipe: see :func:`read_configuration`."""
+def file_layer(
+    path: Path,
+    say: Callable[[str], object] = warnings.warn,
+    model: type[Parameters] = RunConfig,
+) -> Layer:
+    """A TOML or JSON file with the sections of a model, or a pipe: :func:`read_configuration`."""
     kind, text = read_configuration(path, say)
     try:
         nested = tomllib.loads(text) if kind == "toml" else json.loads(text)
@@ -314,7 +318,7 @@ def file_layer(path: Path, say: Callable[[str], object] = warnings.warn) -> Laye
         raise InputError(f"configuration {path} is not valid {kind}: {error}") from error
     if isinstance(nested, Mapping):
         nested = as_read_before(nested)
-    return Layer(str(path), _by_dotted_key(nested, str(path)))
+    return Layer(str(path), _by_dotted_key(nested, str(path), model))
 
 
 def assignment_layer(assignments: Iterable[str], option: str = "--set") -> Layer:
@@ -340,20 +344,28 @@ def merge(layers: Iterable[Layer]) -> tuple[RunConfig, dict[str, str]]:
     Raises:
         InputError: a key is unknown or a value does not fit; the message says what would.
     """
-    keys = configuration_keys()
+    given = list(layers)
+    return merge_into(RunConfig, [*_algorithm_layers(given), *given])
+
+
+Model = TypeVar("Model", bound=Parameters)
+
+
+def merge_into(model: type[Model], layers: Iterable[Layer]) -> tuple[Model, dict[str, str]]:
+    """:func:`merge` for any model that consists of the network's sections and others."""
+    keys = list(fields_by_key(model))
     values: dict[str, Any] = {}
     sources = dict.fromkeys(keys, "default")
-    given = list(layers)
-    for layer in [*_algorithm_layers(given), *given]:
+    for layer in layers:
         for key, value in _with_current_keys(layer.values, layer.source).items():
             if key not in sources:
                 raise InputError(f"{_unknown('key', key, keys)} (from {layer.source})")
             values[key] = value
             sources[key] = layer.source
     try:
-        return RunConfig.model_validate(in_sections(values)), sources
+        return model.model_validate(in_sections(values)), sources
     except ValidationError as error:
-        raise InputError(_describe(error, sources)) from error
+        raise InputError(_describe(error, sources, model)) from error
 
 
 def _algorithm_layers(layers: Iterable[Layer]) -> list[Layer]:
@@ -376,13 +388,13 @@ def _parse(text: str) -> Any:
         return text
 
 
-def _by_dotted_key(nested: Any, source: str) -> dict[str, Any]:
+def _by_dotted_key(nested: Any, source: str, model: type[Parameters] = RunConfig) -> dict[str, Any]:
     if not isinstance(nested, Mapping):
         raise InputError(f"{source} does not consist of sections")
     flat: dict[str, Any] = {}
     for section, fields in nested.items():
-        if section not in RunConfig.model_fields:
-            raise InputError(f"{_unknown('section', section, RunConfig.model_fields)} in {source}")
+        if section not in model.model_fields:
+            raise InputError(f"{_unknown('section', section, model.model_fields)} in {source}")
         if not isinstance(fields, Mapping):
             raise InputError(f"'{section}' in {source} is not a section with keys")
         flat |= {f"{section}.{key}": value for key, value in by_key(fields).items()}
@@ -406,8 +418,8 @@ def _unknown(kind: str, name: str, known: Iterable[str]) -> str:
     return unknown(kind, name, candidates, near=near)
 
 
-def _describe(error: ValidationError, sources: Mapping[str, str]) -> str:
-    key, message = describe_error(error, RunConfig)
+def _describe(error: ValidationError, sources: Mapping[str, str], model: type[Parameters]) -> str:
+    key, message = describe_error(error, model)
     if key not in sources:  # a rule about several values
         changed = [f"{name} ({source})" for name, source in sources.items() if source != "default"]
         return message + (f"; set here: {', '.join(changed)}" if changed else "")

@@ -1,0 +1,1 @@
+"""A network that stands still, judged: stations, masts, and people who may count as several."""

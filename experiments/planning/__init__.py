@@ -1,0 +1,1 @@
+"""Plans for real places: from where people are to where drones circle."""

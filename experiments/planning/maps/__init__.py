@@ -1,0 +1,1 @@
+"""Plans as GeoJSON, as KML and as a page."""

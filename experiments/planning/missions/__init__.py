@@ -1,0 +1,1 @@
+"""Ways to the stations and back, and the files that crews load."""

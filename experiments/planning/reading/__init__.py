@@ -1,0 +1,1 @@
+"""Files of people, areas and zones, read strictly."""
