@@ -12,6 +12,7 @@ from orchid_uav.cli.ablate import ablate
 from orchid_uav.cli.commands import Commands
 from orchid_uav.cli.console import FAILED, INTERRUPTED, WRONG_INPUT, print_error
 from orchid_uav.cli.eval import evaluate
+from orchid_uav.cli.plan import plan
 from orchid_uav.cli.train import train
 from orchid_uav.experiments.output import lasting_output
 from orchid_uav.notices import reason_of, show_on_stderr
@@ -20,6 +21,7 @@ app = Commands(help="ORCHID: fairness-aware orchestration of UAV base stations."
 app.command()(train)
 app.command("eval")(evaluate)
 app.command()(ablate)
+app.command()(plan)
 app.add_typer(config.app, name="config")
 app.add_typer(runs.app, name="runs")
 

@@ -43,6 +43,7 @@ class Fleet:
         masts: on the ground.
         drones: number N.
         circle_radius_m: of all circles; 0 for drones that hover.
+        speed_mps: on the circle; by default that of least propulsion power.
         shadowing_db: of the masts' links, (G, P), or one number.
     """
 
@@ -53,6 +54,7 @@ class Fleet:
         masts: tuple[Mast, ...],
         drones: int,
         circle_radius_m: float,
+        speed_mps: float | None = None,
         shadowing_db: ArrayLike = 0.0,
     ) -> None:
         self.parameters = parameters
@@ -62,11 +64,30 @@ class Fleet:
         self.circle_radius_m = circle_radius_m
         self.rules = Rules.of(parameters, drones)
         self.ground = Ground.of(parameters, people.positions_m, people.weights, masts, shadowing_db)
-        self.speed_mps = station_speed_mps(parameters, circle_radius_m)
-        self.propulsion_w = drones * station_power_w(parameters, circle_radius_m)
+        if speed_mps is None:
+            speed_mps = station_speed_mps(parameters, circle_radius_m)
+        self.speed_mps = speed_mps
+        self.propulsion_w = drones * station_power_w(parameters, circle_radius_m, speed_mps)
         points = CIRCLE_POINTS if circle_radius_m > 0.0 else 1
         angles = 2.0 * np.pi * np.arange(points) / points
         self.offsets_m = circle_radius_m * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+
+    def changed(
+        self,
+        people: People | None = None,
+        drones: int | None = None,
+        shadowing_db: ArrayLike = 0.0,
+    ) -> "Fleet":
+        """The same with other people, another number of drones, or with shadowing."""
+        return Fleet(
+            self.parameters,
+            people or self.people,
+            self.masts,
+            drones or self.drones,
+            self.circle_radius_m,
+            self.speed_mps,
+            shadowing_db,
+        )
 
     def receive(self, plan: Floats) -> Floats:
         """What everybody receives of every drone, (N, K, P) in W."""
@@ -141,10 +162,9 @@ def station_speed_mps(parameters: Parameters, circle_radius_m: float) -> float:
 
 
 def station_power_w(
-    parameters: Parameters, circle_radius_m: float, with_thrust: bool = False
+    parameters: Parameters, circle_radius_m: float, speed_mps: float, with_thrust: bool = False
 ) -> float:
     """Propulsion power on station, as the paper has it or with the thrust of turns paid for."""
-    speed_mps = station_speed_mps(parameters, circle_radius_m)
     factor = 1.0
     if with_thrust and circle_radius_m > 0.0:
         factor = float(load_factor(speed_mps**2 / circle_radius_m))

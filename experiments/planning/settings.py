@@ -27,7 +27,7 @@ _ENVIRONMENT_KEYS = (
 
 
 class PlanSettings(Section):
-    """What a plan is for, and the drones it is made for."""
+    """What `orchid plan` plans, and for which drones; no other command has these keys."""
 
     drones: Annotated[int, within(1, 1000)] | None = 6
     """Number of drones; none finds the least that meets what is wanted."""
@@ -62,7 +62,7 @@ class PlanConfig(Parameters):
     """Everything that a plan is made with, but people and places."""
 
     plan: PlanSettings = PlanSettings()
-    """The plan."""
+    """Plans of real places; only `orchid plan` has these keys."""
 
     @property
     def network_parameters(self) -> Parameters:

@@ -11,6 +11,7 @@ from typing import Any
 
 from orchid_uav.envs.keys import FORMER_KEYS, fields_by_key, unit_of, values_of
 from orchid_uav.experiments.configuration import RunConfig
+from orchid_uav.experiments.planning.settings import PlanConfig
 from orchid_uav.experiments.presets import PRESETS
 from studies.pages.ablation import ABLATION_BLOCKS, draw_ablations
 from studies.pages.batches import BATCHES_BLOCKS
@@ -19,6 +20,7 @@ from studies.pages.evaluation import BLOCKS, draw_studies, record_sources
 from studies.pages.findings import FINDING_BLOCKS
 from studies.pages.flying import FLYING_BLOCKS, draw_flying
 from studies.pages.pendulum import PENDULUM_BLOCKS, draw_pendulum
+from studies.pages.planning import PLANNING_BLOCKS
 from studies.pages.validation import VALIDATION_BLOCKS, draw_validation
 
 ROOT = Path(__file__).parents[2]
@@ -54,7 +56,8 @@ def configuration_page() -> str:
             for name, preset in PRESETS.items()
         ),
     ]
-    for section, info in RunConfig.model_fields.items():
+    plan = {"plan": PlanConfig.model_fields["plan"]}
+    for section, info in {**RunConfig.model_fields, **plan}.items():
         model = type(info.default)
         lines += ["", f"## {section}", "", (model.__doc__ or "").strip(), ""]
         lines += ["| key | default | unit | values | meaning |", "|---|---|---|---|---|"]
@@ -107,7 +110,7 @@ def pages() -> dict[Path, str]:
         ROOT / "docs" / "performance.md": render(),
     }
     blocks = {**BLOCKS, **ABLATION_BLOCKS, **VALIDATION_BLOCKS, **FINDING_BLOCKS}
-    blocks |= {**PENDULUM_BLOCKS, **BATCHES_BLOCKS, **FLYING_BLOCKS}
+    blocks |= {**PENDULUM_BLOCKS, **BATCHES_BLOCKS, **FLYING_BLOCKS, **PLANNING_BLOCKS}
     for name, (path, content) in blocks.items():
         text = texts.get(path) or path.read_text(encoding="utf-8")
         texts[path] = replace_block(text, name, content())

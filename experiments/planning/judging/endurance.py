@@ -59,7 +59,9 @@ def endurance_s(
             f"{battery.reserve:.0%} reserve does not carry it to its station and back "
             f"({way.seconds:.0f} s of flight); a larger --battery-wh, or --home nearer to people"
         )
-    propulsion_w = station_power_w(parameters, station.circle_radius_m, with_thrust=True)
+    propulsion_w = station_power_w(
+        parameters, station.circle_radius_m, station.speed_mps, with_thrust=True
+    )
     return left_j / float(total_power_w(propulsion_w, station.transmit_power_w))
 
 

@@ -79,8 +79,7 @@ def _figures(services: list[Service], fleet: Fleet, want: Want | None) -> DrawnF
 
 def _elsewhere(fleet: Fleet, plan: Floats, positions_m: Floats) -> Service:
     """How the same people are served at other places."""
-    people = People(positions_m, fleet.people.weights)
-    moved = Fleet(fleet.parameters, people, fleet.masts, fleet.drones, fleet.circle_radius_m)
+    moved = fleet.changed(people=People(positions_m, fleet.people.weights))
     return moved.service(moved.rank(moved.receive(plan)))
 
 
@@ -134,9 +133,7 @@ def _with_shadowing(fleet: Fleet, plan: Floats, seed: int) -> Iterator[Service]:
         shadowing_db = generator.normal(
             0.0, parameters.gbs.shadowing_std_db, (len(fleet.masts), len(people.weights))
         )
-        drawn = Fleet(
-            parameters, people, fleet.masts, fleet.drones, fleet.circle_radius_m, shadowing_db
-        )
+        drawn = fleet.changed(shadowing_db=shadowing_db)
         yield drawn.service(drawn.rank(received_w))
 
 
@@ -155,9 +152,7 @@ def _lose_each(
     ranking = fleet.rank(fleet.receive(plan))
     planned = fleet.service(ranking)
     transmitters = [*names, *(f"mast_{mast}" for mast in range(len(fleet.masts)))]
-    left_fleet = Fleet(
-        fleet.parameters, fleet.people, fleet.masts, len(plan) - 1, fleet.circle_radius_m
-    )
+    left_fleet = fleet.changed(drones=len(plan) - 1)
     each = []
     for drone, name in enumerate(names):
         tell(f"{name} is lost")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from orchid_uav.envs import Parameters
-from orchid_uav.envs.propulsion import least_power_speed_mps, propulsion_power_w
+from orchid_uav.envs.propulsion import propulsion_power_w
 from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.planning.judging import robustness
 from orchid_uav.experiments.planning.judging.endurance import (
@@ -119,16 +119,15 @@ class TestEndurance:
     def test_energy_is_what_is_left_after_way_and_reserve(self):
         way = Way(level_s=120.0, vertical_s=80.0)
         stay_s = endurance_s(PARAMETERS, self.STATION, Battery(500.0, 0.2), way, 15.0)
-        speed = least_power_speed_mps(PARAMETERS.rotor, 15.0)
-        factor = math.sqrt(1.0 + (speed**2 / 40.0 / 9.80665) ** 2)
-        station_w = propulsion_power_w(speed, load_factor=factor) + 0.2
+        factor = math.sqrt(1.0 + (14.0**2 / 40.0 / 9.80665) ** 2)
+        station_w = propulsion_power_w(14.0, load_factor=factor) + 0.2
         used_j = 120.0 * propulsion_power_w(15.0) + 80.0 * 394.006
         assert stay_s == pytest.approx((500.0 * 3600 * 0.8 - used_j) / station_w, rel=1e-9)
 
     def test_hovering_costs_what_the_paper_says(self):
         stay_s = endurance_s(
             PARAMETERS,
-            self.STATION._replace(circle_radius_m=0.0),
+            self.STATION._replace(circle_radius_m=0.0, speed_mps=0.0),
             Battery(1000.0, 0.0),
             Way(0, 0),
             15.0,

@@ -1,0 +1,240 @@
+"""A plan from files to files: what ``orchid plan`` does, without its display."""
+
+import os
+import shutil
+import tempfile
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+import shapely
+from shapely.geometry import Point, Polygon
+from shapely.geometry.base import BaseGeometry
+
+from orchid_uav.experiments.configuration import Layer
+from orchid_uav.experiments.errors import InputError, RunFailedError
+from orchid_uav.experiments.planning.maps.geojson import people_geojson, stations_geojson
+from orchid_uav.experiments.planning.maps.kml import plan_kml
+from orchid_uav.experiments.planning.maps.report import report_html
+from orchid_uav.experiments.planning.mission_files import mission_files
+from orchid_uav.experiments.planning.missions.fence import fence_geojson
+from orchid_uav.experiments.planning.model import Budget, Mast, People, Surroundings
+from orchid_uav.experiments.planning.planner import (
+    PLANNER,
+    Firmware,
+    Planned,
+    Task,
+    Telling,
+    make_plan,
+)
+from orchid_uav.experiments.planning.reading.people import read_people
+from orchid_uav.experiments.planning.reading.places import parse_home, parse_mast
+from orchid_uav.experiments.planning.reading.site import (
+    default_area,
+    locate,
+    mast_of,
+    notes_on_area,
+    notes_on_zones,
+    people_of,
+    place_m,
+    zones_m,
+)
+from orchid_uav.experiments.planning.reading.table import PeopleTable
+from orchid_uav.experiments.planning.reading.zones import read_zones
+from orchid_uav.experiments.planning.settings import PlanConfig, plan_configuration
+from orchid_uav.notices import reason_of
+from orchid_uav.storage.files import json_bytes
+
+DEFAULT_PARENT = Path("orchid-plan")
+PLAN_FILE, REPORT_FILE = "plan.json", "report.html"
+_BESIDE_ZONES_M = 50.0
+"""A home that nobody gave keeps this far from no-fly zones."""
+
+
+@dataclass(frozen=True)
+class Given:
+    """People and places as they were given."""
+
+    people: Path | PeopleTable
+    masts: Sequence[str] = ()
+    home: str | None = None
+    area: Path | None = None
+    no_fly: Path | None = None
+
+
+def plan_from_files(
+    given: Given,
+    layers: Iterable[Layer],
+    budget: Budget,
+    method: str,
+    command: list[str],
+    out: Path | None,
+    firmware: Firmware,
+    telling: Telling,
+) -> tuple[Planned, Path]:
+    """Read, plan, and write everything or nothing; returns the plan and its directory.
+
+    Args:
+        given: people and places.
+        layers: of the configuration, later ones win.
+        budget: of the search.
+        method: ``planner``, ``balanced``, or another way to find stations.
+        command: what is recorded as the command.
+        out: a new or empty directory; by default ``./orchid-plan/<UTC time>``.
+        firmware: for which missions are written.
+        telling: is told how far it is.
+
+    Raises:
+        InputError: something given is wrong, or cannot be had.
+        RunFailedError: the files cannot be written.
+    """
+    check_free(out)
+    config, _ = plan_configuration(layers)
+    try:
+        planned = make_plan(task_of(given, config, budget, method, firmware), command, telling)
+        telling.begins("files")
+        return planned, write_plan(planned, out, firmware)
+    finally:
+        telling.ends()
+
+
+def task_of(
+    given: Given,
+    config: PlanConfig,
+    budget: Budget,
+    method: str = PLANNER,
+    firmware: Firmware = "both",
+) -> Task:
+    """Bring people and places into the metres of one site.
+
+    Raises:
+        InputError: a file or place is wrong, or does not fit the others.
+    """
+    table = given.people if isinstance(given.people, PeopleTable) else read_people(given.people)
+    zones = {
+        name: read_zones(path)
+        for name, path in (("area", given.area), ("no_fly", given.no_fly))
+        if path is not None
+    }
+    masts = [parse_mast(text) for text in given.masts]
+    home = None if given.home is None else parse_home(given.home)
+    site = locate(table, list(zones.values()), [*masts, *([home] if home else [])])
+    people = people_of(table, site)
+    notes = list(table.notes)
+    if not table.on_earth:
+        notes.append(
+            "People are given in metres, so the plan has no place on earth: it gets a "
+            "report, and neither maps nor missions."
+        )
+    for one in zones.values():
+        notes += notes_on_zones(one, site)
+    area = default_area(people, config.plan.area_margin_m)
+    if "area" in zones:
+        area = zones_m(zones["area"], site)
+        notes += notes_on_area(table, zones["area"], site)
+    no_fly = zones_m(zones["no_fly"], site) if "no_fly" in zones else Polygon()
+    standing = tuple(mast_of(mast, site, config.gbs.height_m) for mast in masts)
+    if home is None:
+        home_m, height_m = _home_m(people, standing, no_fly), 0.0
+        where = "at the first mast" if standing else "amid the people"
+        notes.append(f"No --home is given: drones start and land {where}.")
+    else:
+        home_m, height_m = place_m(home, site), home.height_m or 0.0
+    surroundings = Surroundings(
+        site=site,
+        area=area,
+        no_fly=no_fly,
+        masts=standing,
+        home_m=home_m,
+        home_height_amsl_m=height_m,
+        lowest_m=config.uav.min_altitude_m,
+        highest_m=config.uav.max_altitude_m,
+        clearance_m=config.plan.clearance_m,
+    )
+    return Task(people, surroundings, config, budget, method, firmware, tuple(notes))
+
+
+def _home_m(people: People, masts: Sequence[Mast], no_fly: BaseGeometry) -> tuple[float, float]:
+    """Where drones start if nobody says: where a mast or people are, out of no-fly zones."""
+    east_m, north_m = people.positions_m.mean(axis=0).tolist()
+    if masts:
+        east_m, north_m, _ = masts[0]
+    home = Point(east_m, north_m)
+    forbidden = no_fly.buffer(_BESIDE_ZONES_M)
+    if forbidden.intersects(home):
+        home = Point(shapely.shortest_line(forbidden.boundary, home).coords[0])
+    return home.x, home.y
+
+
+def check_free(directory: Path | None) -> None:
+    """Check that a directory for the files is new or empty, and could be made.
+
+    Raises:
+        InputError: it is not, or could not.
+    """
+    if directory is None:
+        return
+    if directory.exists() and (not directory.is_dir() or any(directory.iterdir())):
+        raise InputError(f"--out {directory} is there already: name a new or an empty directory")
+    parent = next(one for one in directory.absolute().parents if one.exists())
+    if not parent.is_dir() or not os.access(parent, os.W_OK):
+        raise InputError(
+            f"cannot write to --out {directory}: {parent} is not a directory to write in"
+        )
+
+
+def write_plan(planned: Planned, directory: Path | None, firmware: Firmware) -> Path:
+    """Write all files of a plan, or none; returns the directory.
+
+    A plan in local metres has no place on earth, and so gets neither maps nor missions.
+
+    Args:
+        planned: the plan.
+        directory: a new or empty one; by default ``./orchid-plan/<UTC time>``.
+        firmware: for which missions are written.
+
+    Raises:
+        RunFailedError: they cannot be written; nothing is left behind.
+    """
+    made = directory or DEFAULT_PARENT / f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}"
+    try:
+        made.parent.mkdir(parents=True, exist_ok=True)
+        beside = Path(tempfile.mkdtemp(prefix=f".{made.name}-", dir=made.parent))
+        try:
+            for name, content in files_of(planned, firmware):
+                path = beside / name
+                path.parent.mkdir(parents=True, exist_ok=True)
+                path.write_bytes(content)
+            beside.chmod(0o755)
+            for suffix in ("", *(f"-{number}" for number in range(2, 100))):
+                target = made.with_name(made.name + suffix) if directory is None else made
+                try:
+                    beside.rename(target)
+                except OSError:
+                    if directory is not None or not target.exists():
+                        raise
+                    continue
+                return target
+        except BaseException:
+            shutil.rmtree(beside, ignore_errors=True)
+            raise
+    except OSError as error:
+        raise RunFailedError(f"cannot write the plan to {made}: {reason_of(error)}") from error
+    raise RunFailedError(f"cannot find a free name for {made}")
+
+
+def files_of(planned: Planned, firmware: Firmware) -> Iterator[tuple[str, bytes]]:
+    """Names and contents of all files of a plan."""
+    plan = planned.mapped
+    yield PLAN_FILE, json_bytes(plan.document.to_json())
+    yield REPORT_FILE, report_html(plan).encode()
+    if plan.surroundings.site.center is None:
+        return
+    yield "stations.geojson", json_bytes(stations_geojson(plan))
+    yield "people.geojson", json_bytes(people_geojson(plan))
+    yield "plan.kml", plan_kml(plan)
+    yield "fence.geojson", json_bytes(fence_geojson(plan.surroundings))
+    yield from mission_files(
+        plan.surroundings, plan.stations, planned.transit, planned.stay_s, firmware
+    )
