@@ -293,7 +293,7 @@ _OTHER_NAMES = {
 _LISTS = {key for key in configuration_keys() if holds_several(field_of(key))}
 
 
-def flatten(config: RunConfig) -> dict[str, Any]:
+def flatten(config: Parameters) -> dict[str, Any]:
     """Values by ``"section.key"``."""
     return by_key(config.model_dump(mode="json"))
 

@@ -169,7 +169,7 @@ def plan(
             return
         if people is None:
             raise InputError("no file with people is given, as in: orchid plan people.csv")
-        given = {
+        given: dict[str, Any] = {
             "plan.drones": _drones(drones),
             "plan.environment": environment,
             "plan.hover": hover or None,
@@ -177,7 +177,7 @@ def plan(
             "plan.clearance_m": clearance_m,
             "plan.seed": seed,
         }
-        flags = {key: value for key, value in given.items() if value is not None}
+        flags: dict[str, Any] = {key: value for key, value in given.items() if value is not None}
         if drones == "auto":
             flags["plan.drones"] = None
             if want is None and config is None:
@@ -193,6 +193,7 @@ def plan(
                 _layers(config, assignments or [], flags, want, altitude, reserve),
                 parse_budget(budget),
                 method,
+                expanded(runs_dir),
                 ["orchid", *context.obj],
                 None if out is None else expanded(out),
                 firmware,

@@ -14,6 +14,7 @@ from shapely.geometry.base import BaseGeometry
 
 from orchid_uav.experiments.configuration import Layer
 from orchid_uav.experiments.errors import InputError, RunFailedError
+from orchid_uav.experiments.planning.flown import find_method
 from orchid_uav.experiments.planning.maps.geojson import people_geojson, stations_geojson
 from orchid_uav.experiments.planning.maps.kml import plan_kml
 from orchid_uav.experiments.planning.maps.report import report_html
@@ -21,6 +22,7 @@ from orchid_uav.experiments.planning.mission_files import mission_files
 from orchid_uav.experiments.planning.missions.fence import fence_geojson
 from orchid_uav.experiments.planning.model import Budget, Mast, People, Surroundings
 from orchid_uav.experiments.planning.planner import (
+    BALANCED,
     PLANNER,
     Firmware,
     Planned,
@@ -43,6 +45,7 @@ from orchid_uav.experiments.planning.reading.site import (
 from orchid_uav.experiments.planning.reading.table import PeopleTable
 from orchid_uav.experiments.planning.reading.zones import read_zones
 from orchid_uav.experiments.planning.settings import PlanConfig, plan_configuration
+from orchid_uav.experiments.runs.records import DEFAULT_RUNS_DIR
 from orchid_uav.notices import reason_of
 from orchid_uav.storage.files import json_bytes
 
@@ -68,6 +71,7 @@ def plan_from_files(
     layers: Iterable[Layer],
     budget: Budget,
     method: str,
+    runs_dir: Path,
     command: list[str],
     out: Path | None,
     firmware: Firmware,
@@ -79,7 +83,8 @@ def plan_from_files(
         given: people and places.
         layers: of the configuration, later ones win.
         budget: of the search.
-        method: ``planner``, ``balanced``, or another way to find stations.
+        method: ``planner``, ``balanced``, or a method of ``orchid eval`` or a run.
+        runs_dir: where a run is looked up.
         command: what is recorded as the command.
         out: a new or empty directory; by default ``./orchid-plan/<UTC time>``.
         firmware: for which missions are written.
@@ -92,7 +97,9 @@ def plan_from_files(
     check_free(out)
     config, _ = plan_configuration(layers)
     try:
-        planned = make_plan(task_of(given, config, budget, method, firmware), command, telling)
+        planned = make_plan(
+            task_of(given, config, budget, method, runs_dir, firmware), command, telling
+        )
         telling.begins("files")
         return planned, write_plan(planned, out, firmware)
     finally:
@@ -104,6 +111,7 @@ def task_of(
     config: PlanConfig,
     budget: Budget,
     method: str = PLANNER,
+    runs_dir: Path = DEFAULT_RUNS_DIR,
     firmware: Firmware = "both",
 ) -> Task:
     """Bring people and places into the metres of one site.
@@ -111,6 +119,7 @@ def task_of(
     Raises:
         InputError: a file or place is wrong, or does not fit the others.
     """
+    flies = find_method(method, runs_dir, (PLANNER, BALANCED))
     table = given.people if isinstance(given.people, PeopleTable) else read_people(given.people)
     zones = {
         name: read_zones(path)
@@ -152,7 +161,7 @@ def task_of(
         highest_m=config.uav.max_altitude_m,
         clearance_m=config.plan.clearance_m,
     )
-    return Task(people, surroundings, config, budget, method, firmware, tuple(notes))
+    return Task(people, surroundings, config, budget, method, flies, firmware, tuple(notes))
 
 
 def _home_m(people: People, masts: Sequence[Mast], no_fly: BaseGeometry) -> tuple[float, float]:

@@ -10,8 +10,8 @@ from pydantic import PrivateAttr
 
 from orchid_uav.experiments.configuration import Layer
 from orchid_uav.experiments.errors import InputError
-from orchid_uav.experiments.planning.files import Firmware, Given, check_free, task_of, write_plan
-from orchid_uav.experiments.planning.planner import Planned, Telling, make_plan
+from orchid_uav.experiments.planning.files import Given, check_free, task_of, write_plan
+from orchid_uav.experiments.planning.planner import Firmware, Planned, Telling, make_plan
 from orchid_uav.experiments.planning.reading.cells import check_position, weight_of
 from orchid_uav.experiments.planning.reading.nearness import check_nearness
 from orchid_uav.experiments.planning.reading.places import parse_budget, parse_want
@@ -102,7 +102,7 @@ def _table_of(people: ArrayLike, weights: ArrayLike | None, in_metres: bool) -> 
         rows.count()
         source = f"people[{number}]"
         try:
-            check_position(*position, on_earth=not in_metres)
+            check_position(position[0], position[1], not in_metres)
             rows.add(source, (position[0], position[1]), weight_of(count))
         except ValueError as error:
             rows.problems.add(source, str(error))

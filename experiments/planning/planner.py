@@ -11,7 +11,9 @@ import shapely
 from orchid_uav.envs.parameters import Parameters
 from orchid_uav.experiments.configuration import flatten
 from orchid_uav.experiments.errors import InputError
+from orchid_uav.experiments.evaluation.methods import Contender
 from orchid_uav.experiments.planning.clusterings import best_clustering
+from orchid_uav.experiments.planning.flown import flown_plan
 from orchid_uav.experiments.planning.judging.endurance import (
     Battery,
     Way,
@@ -50,6 +52,8 @@ _SHARE_OF_TIME = 0.5
 """Of a budget in seconds, for the plan itself; the other fleet sizes have the rest."""
 _OTHER_SHARE = 4
 """The search for another fleet size judges this many times fewer plans."""
+_BESIDE_OTHERS = 4000
+"""The same share is of this number beside a plan that was not searched."""
 _PROBE_EVALUATIONS = 3000
 """Plans judged for each number of drones that ``auto`` tries."""
 PLANNER, BALANCED = "planner", "balanced"
@@ -66,6 +70,9 @@ class Task:
     config: PlanConfig
     budget: Budget
     method: str = PLANNER
+    """PLANNER, BALANCED, or what ``flies`` is called."""
+    flies: Contender | None = None
+    """A method that flies to its stations."""
     firmware: Firmware = "both"
     notes: tuple[str, ...] = ()
     """Decisions taken in reading, in plain words."""
@@ -196,6 +203,11 @@ class _Maker:
 
     def find(self, fleet: Fleet) -> Found:
         """The plan itself."""
+        if self._task.flies is not None:
+            plan = flown_plan(
+                self._task.flies, fleet, self._task.surroundings, self.region, self._seed
+            )
+            return Found(plan, fleet.utility(plan), 1)
         if self._task.method == BALANCED:
             return Found(*best_clustering(fleet, self.region, self._seed))
         seconds, evaluations = self._task.budget
@@ -211,6 +223,8 @@ class _Maker:
 
     def other_sizes(self, drones: int, evaluations: int) -> tuple[list[FleetSize], list[str]]:
         """Figures for some drones fewer and more, and notes on numbers that have no room."""
+        if self._task.method != PLANNER:
+            evaluations = _BESIDE_OTHERS
         sizes, notes = [], []
         for number in (drones + difference for difference in FLEET_SIZES):
             if not 1 <= number <= MOST_DRONES:
@@ -279,8 +293,16 @@ def _speed_mps(parameters: Parameters, radius_m: float, firmware: Firmware) -> f
 def stations_of(fleet: Fleet, plan: Floats) -> list[Station]:
     """The stations of a plan (N, 4)."""
     return [
-        Station(f"uav_{number}", *row, fleet.circle_radius_m, fleet.speed_mps)
-        for number, row in enumerate(plan.tolist())
+        Station(
+            f"uav_{number}",
+            east_m,
+            north_m,
+            altitude_m,
+            transmit_w,
+            fleet.circle_radius_m,
+            fleet.speed_mps,
+        )
+        for number, (east_m, north_m, altitude_m, transmit_w) in enumerate(plan.tolist())
     ]
 
 
@@ -331,7 +353,8 @@ def _backhaul_db(masts: Sequence[Mast], station: Station, parameters: Parameters
 
 def _site(surroundings: Surroundings, stations: Sequence[Station]) -> PlannedSite:
     """The box of everything that is written: area, stations, masts, home."""
-    points_m = [(one.east_m, one.north_m) for one in (*stations, *surroundings.masts)]
+    points_m = [(station.east_m, station.north_m) for station in stations]
+    points_m += [(mast.east_m, mast.north_m) for mast in surroundings.masts]
     shape = shapely.union_all(
         [surroundings.area, shapely.MultiPoint([*points_m, surroundings.home_m])]
     )

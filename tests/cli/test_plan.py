@@ -154,7 +154,7 @@ class TestRefusals:
             ([PEOPLE, "--battery-wh=2"], ["battery of 2 Wh"]),
             ([PEOPLE, "--set=plan.drone=3"], ["unknown key 'plan.drone'", "plan.drones"]),
             ([PEOPLE, "--method=plannner"], ["plannner", "planner"]),
-            ([PEOPLE, "--drones=300", "--area", EXAMPLE / "area.geojson"], ["room for"]),
+            ([PEOPLE, "--drones=30", "--clearance-m=3000"], ["room for", "--clearance-m"]),
             ([PEOPLE, "--altitude=120..80"], ["80..120"]),
         ],
     )

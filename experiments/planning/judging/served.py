@@ -1,6 +1,7 @@
 """How people are served, counted."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from orchid_uav.experiments.planning.model import Floats, People, Want
 from orchid_uav.experiments.planning.network import Service
@@ -32,7 +33,7 @@ def share_above(service: Service, people: People, want: Want | None) -> float | 
     return float(people.weights[enough].sum() / people.total)
 
 
-def weighted_median(values: Floats, weights: Floats) -> float:
+def weighted_median(values: Floats, weights: NDArray[np.int64]) -> float:
     """The value that half of the people do not exceed; the lower one of two."""
     order = np.argsort(values, kind="stable")
     reached = np.cumsum(weights[order])

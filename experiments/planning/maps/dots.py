@@ -39,12 +39,12 @@ class Speeds(NamedTuple):
 
 
 def speeds_of(plan: MappedPlan) -> Speeds:
-    """Half of the wanted rate and that itself; without one, round rates that people differ by."""
+    """Half of the wanted rate and that itself; without one, a round rate above the median."""
     if plan.want is not None:
         return Speeds(plan.want.rate_bps / 2.0, plan.want.rate_bps)
     rates_bps = plan.rates_bps[plan.server != NOBODY]
     middle_bps = float(np.median(rates_bps)) if len(rates_bps) else 1e6
-    fast_bps = _round_rate_bps(middle_bps)
+    fast_bps = _next_round_rate_bps(middle_bps)
     return Speeds(fast_bps / 2.0, fast_bps)
 
 
@@ -142,10 +142,7 @@ def _layer(dots: Markup, across_px: float, class_: str | None = None) -> Markup:
     )
 
 
-def _round_rate_bps(rate_bps: float) -> float:
-    """The nearest of 1, 2 and 5 times powers of ten."""
-    if rate_bps <= 0.0:
-        return 1e6
-    tens = 10.0 ** math.floor(math.log10(rate_bps))
-    steps = [tens * step for step in (1.0, 2.0, 5.0, 10.0)]
-    return min(steps, key=lambda step: abs(math.log(step / rate_bps)))
+def _next_round_rate_bps(rate_bps: float) -> float:
+    """The least of 1, 2 and 5 times powers of ten that is above."""
+    tens = 10.0 ** math.floor(math.log10(max(rate_bps, 1.0)))
+    return next(tens * step for step in (1.0, 2.0, 5.0, 10.0) if tens * step > rate_bps)

@@ -1,6 +1,5 @@
 """A plan as KML 2.2, for Google Earth, ATAK and GIS programs."""
 
-import html
 from collections.abc import Sequence
 from xml.etree import ElementTree as ET
 
@@ -186,7 +185,7 @@ def _placemark(parent: ET.Element, name: str | None, style: str, told: str = "")
     if name is not None:
         _text(placemark, "name", name)
     if told:
-        _text(placemark, "description", html.escape(told))  # which programs read as HTML
+        _text(placemark, "description", told)
     _text(placemark, "styleUrl", f"#{style}")
     return placemark
 

@@ -4,6 +4,7 @@ import re
 from typing import NamedTuple
 
 from orchid_uav.experiments.errors import InputError
+from orchid_uav.experiments.planning.model import Budget, Want
 from orchid_uav.experiments.planning.reading.cells import cleaned, number_of_text, shown
 
 _MOST_HEIGHT_M = 1_000.0
@@ -34,26 +35,11 @@ class GivenPlace(NamedTuple):
     """A mast's height above the ground, or home's above mean sea level."""
 
 
-class Want(NamedTuple):
-    """The rate that a share of people is to have."""
-
-    rate_bps: float
-    share: float
-    """Above 0, at most 1."""
-
-
 class Altitudes(NamedTuple):
     """Between which altitudes above home stations may be."""
 
     lowest_m: float
     highest_m: float
-
-
-class Budget(NamedTuple):
-    """How long a plan may be sought: one of the two is given."""
-
-    seconds: float | None
-    evaluations: int | None
 
 
 def parse_mast(text: str) -> GivenPlace:

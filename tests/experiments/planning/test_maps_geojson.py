@@ -189,6 +189,18 @@ class TestTheAntimeridian:
         assert west[-1][2] == east[0][2] == pytest.approx(90.0, abs=1e-3)
 
 
+def test_long_edges_stay_where_they_are_between_their_ends():
+    # 40 km of a parallel at 60° N: straight in degrees it would bow by some 50 m.
+    site = Site(Place(60.0, 10.0))
+    ((outline,),) = polygons_on_earth(site, shapely.box(-20_000.0, -100.0, 20_000.0, 100.0))
+    ends = np.array(outline)
+    middles = (ends[1:] + ends[:-1]) / 2.0
+    places_m = site.to_local_m(middles[:, ::-1])
+    on_long_edges = np.abs(places_m[:, 0]) < 19_999.0
+    assert on_long_edges.sum() >= 40
+    assert np.abs(places_m[on_long_edges, 1]) == pytest.approx(100.0, abs=0.5)
+
+
 @given(
     latitude_deg=st.floats(-80.0, 80.0),
     longitude_deg=st.floats(-180.0, 180.0) | st.floats(179.9, 180.0) | st.floats(-180.0, -179.9),

@@ -170,9 +170,10 @@ def test_a_long_name_is_shortened():
     assert b"x" * 250 not in content
 
 
-def test_names_that_are_read_as_html_are_escaped_twice():
-    placemark = placemarks(plan_kml(renamed(make_plan(), "<b>")), "Stations")[0]
-    assert "<" not in text_of(placemark, "description")
+def test_descriptions_which_programs_read_as_html_hold_no_names():
+    content = plan_kml(renamed(make_plan(), "<b>"))
+    for placemark in placemarks(content, "Stations"):
+        assert "<" not in text_of(placemark, "description")
 
 
 def test_the_same_plan_gives_the_same_bytes():

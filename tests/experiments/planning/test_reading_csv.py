@@ -228,6 +228,12 @@ def test_what_is_no_file_of_a_known_format(tmp_path):
             read_people(path)
 
 
+def test_a_row_that_lies_elsewhere_is_named(tmp_path):
+    message = refusal(tmp_path, GOOD["plain"] + "17.301,-62.72\n-62.721,17.302\n")
+    assert "people.csv, row 5: -62.721, 17.302 is " in message
+    assert "latitude and longitude seem to be swapped" in message
+
+
 def test_twenty_thousand_rows_and_no_more(tmp_path):
     row = "17.3,-62.7\n"
     table = read_people(write(tmp_path, "lat,lon\n" + "\n" * 100 + row * 20_000))

@@ -208,6 +208,11 @@ def test_kml_without_polygons(tmp_path):
     assert "no polygon" in refusal(tmp_path, kml(), "zones.kml")
 
 
+def test_a_second_outer_ring_is_not_taken_for_a_hole(tmp_path):
+    two = kml_polygon(SQUARE, HOLE).replace("innerBoundaryIs", "outerBoundaryIs")
+    assert "has 2 outer rings: it must have one" in refusal(tmp_path, kml(two), "zones.kml")
+
+
 def test_files_of_other_kinds(tmp_path):
     assert "a table, which has no polygons" in refusal(tmp_path, "lat,lon\n", "zones.csv")
     assert "ends in none of .geojson" in refusal(tmp_path, "", "zones.shp")
