@@ -20,6 +20,12 @@ ON_EARTH = {
 QUICK = ("--budget=200", "--drones=3")
 
 
+@pytest.fixture(autouse=True)
+def _elsewhere(tmp_path, monkeypatch):
+    """Plans without --out are written where the command is given."""
+    monkeypatch.chdir(tmp_path)
+
+
 @pytest.fixture
 def out(tmp_path):
     return tmp_path / "plan"
@@ -63,8 +69,7 @@ class TestPlan:
             south <= drone.lat <= north and west <= drone.lon <= east for drone in document.drones
         )
 
-    def test_the_same_command_gives_the_same_bytes(self, orchid, out, tmp_path, monkeypatch):
-        monkeypatch.chdir(tmp_path)
+    def test_the_same_command_gives_the_same_bytes(self, orchid, tmp_path):
         fingerprints = []
         for _ in range(2):
             assert orchid("plan", PEOPLE, *QUICK, "--quiet").code == 0
@@ -158,8 +163,7 @@ class TestRefusals:
             ([PEOPLE, "--altitude=120..80"], ["80..120"]),
         ],
     )
-    def test_nothing_is_left_behind(self, orchid, tmp_path, monkeypatch, arguments, parts):
-        monkeypatch.chdir(tmp_path)
+    def test_nothing_is_left_behind(self, orchid, tmp_path, arguments, parts):
         finished = orchid("plan", "--budget=100", *arguments, "--quiet")
         assert_is_an_error(finished, *parts)
         assert list(tmp_path.iterdir()) == []
