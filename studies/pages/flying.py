@@ -17,7 +17,7 @@ SHOWN = (LEARNED, INFORMED, TWIN, RULE, BOUND, "forces")
 OLD = ("planner", "track-120", "track", "balanced-loiter", "loiter-mmf", "static-mmf")
 METRIC_NAMES = (
     *("utility", "rate_jfi", "load_jfi", "worst_rate_bps"),
-    "thrust_energy_efficiency_bit_per_joule",
+    *("thrust_energy_efficiency_bit_per_joule", "blocking_pairs"),
 )
 _SPEED, _UAVS, _PHASE_ONE, _KNOWLEDGE, _FAILURE, _HEADINGS, _CONVERGENCE = (
     *("speed", "UAVs at 15 m/s", "Phase I"),
