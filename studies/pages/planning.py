@@ -77,10 +77,11 @@ def quality_block() -> str:
             f"{len(small)} sites with 3 to 6 drones and 100 positions: {starts} starts with ten "
             "times the default budget each, so a hundred times altogether, find a utility "
             f"higher by {100 * max(behind):.2f} % at most, {100 * np.mean(behind):.2f} % in the "
-            f"mean. These starts themselves differ by {100 * max(spread):.2f} % at most. A bound "
-            "that is proved is not to be had this way: Jain's indices make the utility neither concave "
-            "nor a sum over people, and what a linear program could bound, coverage and energy "
-            "efficiency alone, leaves the other half of the utility at its greatest value.",
+            f"mean. These starts themselves differ by {100 * max(spread):.2f} % at most.",
+            "A bound that is proved is not to be had this way: Jain's indices make the utility "
+            "neither concave nor a sum over people, and what a linear program could bound, "
+            "coverage and energy efficiency alone, leaves the other half of the utility at its "
+            "greatest value.",
             "Larger sites with a hundred positions for each drone, utility after seconds of "
             "search, and of CMA-ES after 100 s:",
             table(["drones", "positions", "2.5 s", "5 s", "20 s", "100 s", "CMA-ES"], large),
