@@ -18,7 +18,7 @@ from orchid_uav.experiments.planning.maps.on_earth import polygons_on_earth
 from orchid_uav.experiments.planning.missions.items import places_of
 from orchid_uav.experiments.planning.missions.routing import home_is_inside
 from orchid_uav.experiments.planning.missions.transit import Transit
-from orchid_uav.experiments.planning.model import Surroundings
+from orchid_uav.experiments.planning.model import Floats, Surroundings
 from orchid_uav.experiments.planning.site import Place
 
 MOST_CORNERS = 64
@@ -28,7 +28,12 @@ CORRIDOR_M = 30.0
 _BEND_M = 0.03
 """Straight edges of the site's plane are straight in degrees as well up to this distance."""
 _EARTH_RADIUS_M = 6.371e6
-_TOLERANCES_M = (0.0, *(0.5 * 2.0**step for step in range(10)))
+_TOLERANCES_M = (0.0, *(0.1 * 2.0**step for step in range(10)))
+_COARSEST_ZONES_M = 3.2
+"""Coarser ones could vanish; from here on, those farther from ways are left out instead."""
+_CORNERS_FOR_ZONES = 16
+_WIDER = 4.0
+"""Simplification, growth by twice as much, and bent edges, in tolerances."""
 
 
 class Fence(NamedTuple):
@@ -41,35 +46,29 @@ class Fence(NamedTuple):
 
 
 def fence_of(surroundings: Surroundings, transit: Transit) -> Fence:
-    """The fence of all drones."""
+    """The fence of all drones: exact if autopilots can store it, else somewhat wider."""
     outline = _outline(surroundings, transit)
-    outside = _zones(surroundings, outline)
+    zones = _zones(surroundings, transit, outline)
     outline = _inside_of_rings(surroundings, outline)
-    edge_m = _longest_edge_m(surroundings)
     for tolerance_m in _TOLERANCES_M:
-        shapes = _coarser(outline, outside, tolerance_m, edge_m)
-        if _corners(shapes) <= MOST_CORNERS:
+        border, excluded = _coarser(surroundings, outline, zones, tolerance_m)
+        outline_fits = _corners([border]) <= MOST_CORNERS - _CORNERS_FOR_ZONES
+        if _corners([border, *excluded]) <= MOST_CORNERS:
             break
-    note = ""
-    if tolerance_m:
-        note = (
-            f"The fence is up to {2.0 * tolerance_m:g} m wider than the area and the no-fly zones "
-            f"allow, because autopilots store {MOST_CORNERS} corners of it."
-        )
-    if _corners(shapes) > MOST_CORNERS:
-        left_out = 0
-        while len(shapes) > 1 and _corners(shapes) > MOST_CORNERS:
-            shapes.pop()
-            left_out += 1
-        note += f" {left_out} of the no-fly zones are not in it at all."
+        if tolerance_m >= _COARSEST_ZONES_M and outline_fits:
+            break
+    kept = [border]
+    for polygon in excluded:
+        if _corners([*kept, polygon]) <= MOST_CORNERS:
+            kept.append(polygon)
     polygons = [
-        (index == 0, tuple(places_of(surroundings.site, np.array(shape.exterior.coords)[:-1])))
-        for index, shape in enumerate(shapes)
+        (polygon is border, tuple(places_of(surroundings.site, _open_ring(polygon))))
+        for polygon in kept
     ]
     longitudes = [place.longitude_deg for place in polygons[0][1]]
     if max(longitudes) - min(longitudes) > 180.0:
         return Fence((), "Autopilots cannot fence across longitude 180: there is no fence.")
-    return Fence(tuple(polygons), note)
+    return Fence(tuple(polygons), _note(tolerance_m, zones, kept[1:]))
 
 
 def fence_geojson(surroundings: Surroundings) -> dict[str, Any]:
@@ -92,24 +91,45 @@ def fence_geojson(surroundings: Surroundings) -> dict[str, Any]:
     return {"type": "FeatureCollection", "features": features}
 
 
+def _note(tolerance_m: float, zones: Sequence[Polygon], kept: Sequence[Polygon]) -> str:
+    if not tolerance_m:
+        return ""
+    note = (
+        f"The fence is up to {_WIDER * tolerance_m:.1f} m wider than the area and the no-fly zones "
+        f"allow, because autopilots store {MOST_CORNERS} corners of it."
+    )
+    left_out = sum(not any(zone.intersects(polygon) for polygon in kept) for zone in zones)
+    if left_out:
+        note += f" Of {len(zones)} no-fly zones, {left_out} are not in it at all."
+    return note
+
+
 def _outline(surroundings: Surroundings, transit: Transit) -> Polygon:
     """Where drones may be, no-fly zones aside: the part around home."""
     home = Point(surroundings.home_m)
-    area = surroundings.area
-    if not home_is_inside(surroundings):
-        ways = [LineString(way.outbound_m[1:, :2]) for way in transit.ways if way.length_m]
-        corridor = shapely.union_all([home, *ways]).buffer(CORRIDOR_M, 2)
-        area = area.union(corridor)
-    return next(part for part in _polygons(area) if part.intersects(home))
+    if home_is_inside(surroundings):
+        return next(part for part in _polygons(surroundings.area) if part.intersects(home))
+    corridor = shapely.union_all([home, *_ways(transit)]).buffer(CORRIDOR_M, 2)
+    whole = surroundings.area.union(corridor)
+    outline = next(part for part in _polygons(whole) if part.intersects(home))
+    filled = shapely.union_all([Polygon(part.exterior) for part in _polygons(surroundings.area)])
+    # What ways and the border enclose is no hole of the area.
+    holes = [ring for ring in outline.interiors if filled.covers(Polygon(ring))]
+    return Polygon(outline.exterior, holes)
 
 
-def _zones(surroundings: Surroundings, outline: Polygon) -> list[Polygon]:
-    """What is excluded, the nearest to home first, without their holes."""
+def _ways(transit: Transit) -> list[LineString]:
+    return [LineString(way.outbound_m[1:, :2]) for way in transit.ways if way.length_m]
+
+
+def _zones(surroundings: Surroundings, transit: Transit, outline: Polygon) -> list[Polygon]:
+    """What is excluded, the nearest to ways first, without their holes."""
     home = Point(surroundings.home_m)
+    ways = shapely.union_all([home, *_ways(transit)])
     zones = [Polygon(part.exterior) for part in _polygons(surroundings.no_fly)]
     zones = [zone for zone in zones if zone.intersects(outline) and not zone.contains(home)]
     holes = [Polygon(ring) for ring in outline.interiors]
-    return sorted([*zones, *holes], key=lambda zone: zone.distance(home))
+    return sorted([*zones, *holes], key=lambda zone: zone.distance(ways))
 
 
 def _inside_of_rings(surroundings: Surroundings, outline: Polygon) -> Polygon:
@@ -123,29 +143,36 @@ def _inside_of_rings(surroundings: Surroundings, outline: Polygon) -> Polygon:
 
 
 def _coarser(
-    outline: Polygon, outside: Sequence[Polygon], tolerance_m: float, edge_m: float
-) -> list[Polygon]:
+    surroundings: Surroundings, outline: Polygon, zones: Sequence[Polygon], tolerance_m: float
+) -> tuple[Polygon, list[Polygon]]:
     """The polygons with fewer corners; no place that was allowed is forbidden by them."""
-    shapes = [outline, *outside]
+    edge_m = _longest_edge_m(surroundings, max(tolerance_m, _BEND_M))
     if tolerance_m:
-        shapes = []
-        for shape, sign in ((outline, 1.0), *((zone, -1.0) for zone in outside)):
-            coarse = shape.simplify(tolerance_m).buffer(sign * tolerance_m, join_style="mitre")
-            shapes.extend(Polygon(part.exterior) for part in _polygons(coarse))
-    return [shapely.segmentize(shape, edge_m) for shape in shapes]
+        (outline,) = _resized(outline, tolerance_m, 1.0)
+        zones = [part for zone in zones for part in _resized(zone, tolerance_m, -1.0)]
+    return shapely.segmentize(outline, edge_m), [shapely.segmentize(zone, edge_m) for zone in zones]
 
 
-def _corners(shapes: Sequence[Polygon]) -> int:
-    return sum(len(shape.exterior.coords) - 1 for shape in shapes)
+def _resized(shape: Polygon, tolerance_m: float, sign: float) -> list[Polygon]:
+    """Simplified, and grown or shrunk by what that takes away and what edges bend."""
+    coarse = shape.simplify(tolerance_m).buffer(2.0 * sign * tolerance_m, join_style="mitre")
+    return [Polygon(part.exterior) for part in _polygons(coarse)]
 
 
-def _longest_edge_m(surroundings: Surroundings) -> float:
-    """Length of an edge that is bent by no more than allowed, in degrees."""
-    south, north = surroundings.site.to_places(np.array(surroundings.area.bounds).reshape(2, 2))[
-        :, 0
-    ]
-    slope = math.tan(math.radians(min(max(abs(south), abs(north), 1.0), 89.0)))
-    return math.sqrt(8.0 * _EARTH_RADIUS_M * _BEND_M / slope)
+def _open_ring(polygon: Polygon) -> Floats:
+    return np.array(polygon.exterior.coords)[:-1]
+
+
+def _corners(polygons: Sequence[Polygon]) -> int:
+    return sum(len(_open_ring(polygon)) for polygon in polygons)
+
+
+def _longest_edge_m(surroundings: Surroundings, bend_m: float) -> float:
+    """Length of an edge whose straight lines in the plane and in degrees lie so far apart."""
+    corners = np.array(surroundings.area.bounds).reshape(2, 2)
+    latitude_deg = np.abs(surroundings.site.to_places(corners)[:, 0]).max()
+    slope = math.tan(math.radians(min(max(latitude_deg, 1.0), 89.0)))
+    return math.sqrt(8.0 * _EARTH_RADIUS_M * bend_m / slope)
 
 
 def _polygons(shape: BaseGeometry) -> Iterator[Polygon]:

@@ -23,6 +23,8 @@ _NEAR_ENDS_M = 0.03
 """Distance to zones near home and near stations, which may lie closer than the margins."""
 _NEAR = 1.5
 """Margins around home and stations in which that holds."""
+_COARSE = 0.2
+"""Share of a margin by which corners of zones are rounded."""
 _BORDER_M = 1.0
 """A home that is nearer to the border of the area than this counts as outside of it."""
 _ROUNDING_M = 0.01
@@ -79,9 +81,11 @@ class Router:
         )
 
     def _free_space(self, margin_m: float) -> BaseGeometry:
-        ends = shapely.union_all([Point(end).buffer(_NEAR * margin_m) for end in self._ends_m])
+        ends = shapely.union_all([Point(end).buffer(_NEAR * margin_m, 4) for end in self._ends_m])
         near_ends = self._room(_NEAR_ENDS_M, MARGINS_M[-1]).intersection(ends)
-        return self._room(margin_m, MAST_M).simplify(0.05 * margin_m).union(near_ends)
+        coarse_m = _COARSE * margin_m  # fewer corners are searched faster
+        coarse = self._room(margin_m + coarse_m, MAST_M + coarse_m).simplify(coarse_m)
+        return coarse.union(near_ends)
 
     def _room(self, margin_m: float, mast_m: float) -> BaseGeometry:
         surroundings = self._surroundings
@@ -105,8 +109,9 @@ class _Graph:
     def __init__(self, free: BaseGeometry) -> None:
         self._corners_m = np.array(list(_inner_corners(free)), np.float64).reshape(-1, 2)
         # Ways run along borders; a little room keeps rounding from counting as crossing them.
-        self._free = free.buffer(_ROUNDING_M, join_style="mitre")
-        shapely.prepare(self._free)
+        around = shapely.box(*free.bounds).buffer(1.0, join_style="mitre")
+        self._blocked = around.difference(free.buffer(_ROUNDING_M, join_style="mitre"))
+        shapely.prepare(self._blocked)
         self._seen: dict[tuple[float, float], NDArray[np.int64]] = {}
 
     def shortest(self, start_m: tuple[float, float], goal_m: tuple[float, float]) -> Floats | None:
@@ -153,8 +158,8 @@ class _Graph:
 
     def _sees(self, place: Floats, points: Floats) -> NDArray[np.bool_]:
         ends = np.stack([np.broadcast_to(place, points.shape), points], axis=1)
-        seen: NDArray[np.bool_] = shapely.covers(self._free, shapely.linestrings(ends))
-        return seen
+        blocked: NDArray[np.bool_] = shapely.intersects(self._blocked, shapely.linestrings(ends))
+        return ~blocked
 
 
 def _inner_corners(free: BaseGeometry) -> Iterator[tuple[float, float]]:

@@ -12,7 +12,7 @@ from orchid_uav.experiments.planning.site import Place, Site
 
 _ARC_RAD = math.radians(10.0)
 """Circles are followed in chords of this angle."""
-_MOST_CORNERS = 1_000_000
+_MOST_CORNERS = 200_000
 
 
 class Track(NamedTuple):

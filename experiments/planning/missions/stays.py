@@ -69,7 +69,8 @@ def plan_stays(
     first = min(stuck, key=lambda drone: limits[drone])
     raise InputError(
         f"{stations[first].name} could not come back between the other drones before its battery "
-        f"is empty ({longest_s[first]:.0f} s on station); fewer drones, or a larger --battery-wh"
+        f"is empty ({longest_s[first]:.0f} s on station); a larger --battery-wh, fewer drones, or "
+        "a higher --altitude, which leaves room for ways below the circles"
     )
 
 
@@ -87,7 +88,7 @@ class _Scheduler:
         self._ways, self._turn_s = transit.ways, turn_s
         self._rooms = [occupied_by(station, surroundings) for station in stations]
         self._apart_m = sampled_apart_m(surroundings, transit.speeds.cruise_mps)
-        self._leaves_s = limits.copy()
+        self._limits_s = limits
         self._out = [way.out().later(way.launch_s) for way in transit.ways]
         self._back: dict[int, Samples] = {}
         self.stays: dict[int, Stay] = {}
@@ -104,7 +105,6 @@ class _Scheduler:
         stays_s = turns * turn_s + hold_s  # up to a second less, which the slack covers
         leaves_s = way.arrives_s + stays_s
         self.stays[drone] = Stay(turns, hold_s, stays_s, leaves_s, leaves_s + way.inbound_s)
-        self._leaves_s[drone] = leaves_s
         self._back[drone] = way.back().later(leaves_s)
         return True
 
@@ -119,12 +119,12 @@ class _Scheduler:
         ]
         traffic = Traffic([*late, *self._back.values()], self._apart_m)
         taken = set(with_slack(traffic.forbids_s(back)).tolist())
-        bars = list(self._circles_in_the_way(drone, back))
-        latest_s = self._leaves_s[drone]
-        for other, flown in self._back.items():  # it must be away before another comes past
+        bars = self._circles_in_the_way(back)
+        latest_s = self._limits_s[drone]
+        for flown in self._back.values():  # it must be away before another comes past
             passing = self._rooms[drone].meets(flown.points_m)
-            if len(passing):
-                latest_s = min(latest_s, self._back[other].seconds[passing[0]] - SLACK_S - 1.0)
+            if len(passing) and flown.seconds[passing[-1]] + SLACK_S > way.arrives_s:
+                latest_s = min(latest_s, flown.seconds[passing[0]] - SLACK_S - 1.0)
         shortest_s = math.ceil(max(self._turn_s[drone], 1.0))
         for stays_s in range(int(latest_s - way.arrives_s), shortest_s - 1, -1):
             leaves_s = way.arrives_s + stays_s
@@ -134,14 +134,14 @@ class _Scheduler:
                 return float(leaves_s)
         return None
 
-    def _circles_in_the_way(self, drone: int, back: Samples) -> list[tuple[float, float]]:
-        """Between which seconds it must not leave, because of drones on their stations."""
+    def _circles_in_the_way(self, back: Samples) -> list[tuple[float, float]]:
+        """Between which seconds a drone must not leave, because of those on their stations."""
         bars = []
-        for other, way in enumerate(self._ways):
+        for other, stay in self.stays.items():
             passing = self._rooms[other].meets(back.points_m)
-            if other != drone and len(passing):
+            if len(passing):
                 first_s, last_s = back.seconds[passing[0]], back.seconds[passing[-1]]
                 slack_s = SLACK_S + 1.0
-                begins_s = way.arrives_s - slack_s - last_s
-                bars.append((begins_s, self._leaves_s[other] + slack_s - first_s))
+                begins_s = self._ways[other].arrives_s - slack_s - last_s
+                bars.append((begins_s, stay.leaves_s + slack_s - first_s))
         return bars

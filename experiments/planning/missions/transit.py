@@ -222,6 +222,7 @@ class _Scheduler:
         self._flown: dict[int, Samples] = {}
 
     def add(self, drone: int, candidates: Sequence[DroneWay]) -> None:
+        candidates = [way for way in candidates if self._passes_no_circle(drone, way)] or candidates
         traffic = Traffic(list(self._flown.values()), self._apart_m)
         starts = [self._first_start_s(drone, way, traffic) for way in candidates]
         possible = [(start, index) for index, start in enumerate(starts) if start is not None]
@@ -234,6 +235,12 @@ class _Scheduler:
         start, index = min(possible)
         self.ways[drone] = candidates[index]._replace(launch_s=float(start))
         self._flown[drone] = candidates[index].out().later(float(start))
+
+    def _passes_no_circle(self, drone: int, way: DroneWay) -> bool:
+        points_m = way.out().points_m
+        return not any(
+            len(room.meets(points_m)) for other, room in enumerate(self._rooms) if other != drone
+        )
 
     def _first_start_s(self, drone: int, way: DroneWay, traffic: Traffic) -> int | None:
         flight = way.out()
