@@ -113,7 +113,7 @@ def _move_uavs(constants: Constants, worlds: Worlds, actions: Floats) -> None:
 
 def _flight_box(constants: Constants) -> tuple[Floats, Floats]:
     low_m = np.array([0.0, 0.0, constants.min_altitude_m])
-    high_m = np.array([constants.area_m, constants.area_m, constants.max_altitude_m])
+    high_m = np.array([*constants.area_size_m, constants.max_altitude_m])
     return low_m, high_m
 
 
@@ -127,8 +127,9 @@ def _move_users(constants: Constants, worlds: Worlds) -> None:
         _turn_users(constants, worlds, turning)
     wanted_m = worlds.user_velocities_mps * constants.slot_s
     wanted_m += worlds.user_coordinates_m
-    worlds.user_coordinates_m[:] = reflect_into(wanted_m, constants.area_m)
-    worlds.user_velocities_mps[:] *= reflection_sign(wanted_m, constants.area_m)
+    sides_m = np.array(constants.area_size_m)[:, None]
+    worlds.user_coordinates_m[:] = reflect_into(wanted_m, sides_m)
+    worlds.user_velocities_mps[:] *= reflection_sign(wanted_m, sides_m)
 
 
 def _turn_users(constants: Constants, worlds: Worlds, turning: Integers) -> None:
@@ -143,7 +144,8 @@ def _turn_users(constants: Constants, worlds: Worlds, turning: Integers) -> None
 
 
 def _count_users(constants: Constants, worlds: Worlds) -> None:
-    cells = (worlds.user_coordinates_m * (HISTOGRAM_CELLS / constants.area_m)).astype(np.int64)
+    cells_per_m = HISTOGRAM_CELLS / np.array(constants.area_size_m)[:, None]
+    cells = (worlds.user_coordinates_m * cells_per_m).astype(np.int64)
     np.minimum(cells, HISTOGRAM_CELLS - 1, out=cells)
     cell = cells[:, 0] * HISTOGRAM_CELLS + cells[:, 1]
     counts = _sum_by_bin(cell, HISTOGRAM_CELLS * HISTOGRAM_CELLS)
@@ -257,8 +259,9 @@ def _watch_constraints(constants: Constants, worlds: Worlds) -> None:
     close = _sum_of_squares(apart_m) < constants.min_separation_m * constants.min_separation_m
     close &= _others(positions_m.shape[1])
     close.sum(axis=2, out=worlds.close_uavs)
+    to_masts_m2 = _sum_of_squares(positions_m[:, :, None] - constants.gbs_positions_m)
     snr = channel.backhaul_snr(
-        np.sqrt(_sum_of_squares(positions_m - constants.gbs_position_m)),
+        np.sqrt(to_masts_m2.min(axis=2)),
         constants.gbs_transmit_power_w,
         constants.backhaul_gain_db,
         constants.carrier_frequency_hz,
@@ -332,7 +335,7 @@ def _score(constants: Constants, worlds: Worlds, progress: float) -> None:
 
 def _observe(constants: Constants, worlds: Worlds) -> None:
     seen = worlds.observations
-    across = worlds.positions_m[..., :2] / constants.area_m
+    across = worlds.positions_m[..., :2] / constants.area_size_m
     altitude = relative(
         worlds.positions_m[..., 2], constants.min_altitude_m, constants.max_altitude_m
     )
@@ -341,7 +344,8 @@ def _observe(constants: Constants, worlds: Worlds) -> None:
     seen[..., 3] = relative(
         worlds.transmit_powers_w, constants.min_transmit_power_w, constants.max_transmit_power_w
     )
-    np.divide(worlds.nearest_user_m, constants.area_m, out=seen[..., 4], casting="same_kind")
+    longer_side_m = max(constants.area_size_m)
+    np.divide(worlds.nearest_user_m, longer_side_m, out=seen[..., 4], casting="same_kind")
     seen[..., 5] = worlds.loads / worlds.user_coordinates_m.shape[2]
     seen[..., 6:10:2] = across
     seen[..., 7:10:2] = 1.0 - across

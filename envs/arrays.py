@@ -37,7 +37,8 @@ class Constants(NamedTuple):
     A pair is a weight at training progress 0 and 1.
     """
 
-    area_m: float
+    area_size_m: tuple[float, float]
+    """Sides of the area, east and north."""
     slot_s: float
     heading_hold_slots: int
     user_speed_mps: float
@@ -50,6 +51,7 @@ class Constants(NamedTuple):
     station_speed_limit_mps: float
     station_smoothing: float
     centre_spacing_m: float
+    """Of stations; 0 in direct flight."""
     circle_radius_m: float
     circle_chord: tuple[float, float, float]
     """Length in m of a step along the circle, cosine and sine of its angle."""
@@ -81,7 +83,8 @@ class Constants(NamedTuple):
     required_snr: float
     bandwidth_hz: float
     share_rule: int
-    gbs_position_m: tuple[float, float, float]
+    gbs_positions_m: Floats
+    """Antennas of the masts, (G, 3)."""
     gbs_transmit_power_w: float
     backhaul_gain_db: float
     backhaul_noise_power_w: float
@@ -105,8 +108,9 @@ class Constants(NamedTuple):
         """The constants of one set of parameters."""
         network, uav, rotor = parameters.network, parameters.uav, parameters.rotor
         channel, reward, sensing = parameters.channel, parameters.reward, parameters.sensing
+        flies_stations = uav.flight == "station"
         return cls(
-            area_m=network.area_m,
+            area_size_m=network.area_size_m,
             slot_s=network.slot_s,
             heading_hold_slots=parameters.heading_hold_slots,
             user_speed_mps=network.user_speed_mps,
@@ -115,10 +119,10 @@ class Constants(NamedTuple):
             max_displacement_m=uav.max_speed_mps * network.slot_s,
             displacement_scale_m=uav.displacement_scale_m,
             min_separation_m=uav.min_separation_m,
-            flies_stations=uav.flight == "station",
+            flies_stations=flies_stations,
             station_speed_limit_mps=min(uav.station.speed_limit_mps, uav.max_speed_mps),
             station_smoothing=uav.station.smoothing,
-            centre_spacing_m=parameters.centre_spacing_m,
+            centre_spacing_m=parameters.centre_spacing_m if flies_stations else 0.0,
             circle_radius_m=parameters.circle_radius_m,
             circle_chord=chord(
                 parameters.circle_radius_m, circling_speed_mps(parameters) * network.slot_s
@@ -149,7 +153,7 @@ class Constants(NamedTuple):
             required_snr=parameters.required_snr,
             bandwidth_hz=parameters.bandwidth_hz,
             share_rule=SHARE_RULES[parameters.share_rule],
-            gbs_position_m=parameters.gbs_position_m,
+            gbs_positions_m=np.array(parameters.gbs_positions_m).reshape(-1, 3),
             gbs_transmit_power_w=float(dbm_to_watt(parameters.gbs.transmit_power_dbm)),
             backhaul_gain_db=channel.backhaul_gain_db,
             backhaul_noise_power_w=channel.noise_power_w(channel.backhaul_bandwidth_hz),

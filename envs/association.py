@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+from numba.extending import register_jitable
 from numpy.typing import NDArray
 
 from orchid_uav.envs.arrays import Floats
@@ -17,6 +17,7 @@ from orchid_uav.envs.channel import (
     air_to_ground_gain,
     received_power_w,
 )
+from orchid_uav.envs.compilation import inlined
 from orchid_uav.envs.elementary import bits_of, number_of
 
 TILE_USERS = 256
@@ -51,7 +52,7 @@ class Scratch(NamedTuple):
     rival_power_w: Floats
 
 
-@njit(error_model="numpy", forceinline=True)
+@register_jitable
 def make_scratch(uavs: int, users: int) -> Scratch:
     """Memory for worlds of so many UAVs and users."""
     tile = min(users, TILE_USERS)
@@ -72,7 +73,7 @@ def make_scratch(uavs: int, users: int) -> Scratch:
     )
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined
 def associate(
     positions_m: Floats,
     powers_w: Floats,
@@ -119,10 +120,11 @@ def associate(
             strongest_power_w[first:last],
             own_path_loss_db,
         )
-    nearest_user_m[:] = np.sqrt(nearest_user_m)
+    for uav in range(len(nearest_user_m)):
+        nearest_user_m[uav] = np.sqrt(nearest_user_m[uav])
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined
 def _measure_distances(
     positions_m: Floats, user_coordinates_m: Floats, scratch: Scratch, nearest_squared_m2: Floats
 ) -> None:
@@ -140,7 +142,7 @@ def _measure_distances(
         nearest_squared_m2[uav] = min(nearest_squared_m2[uav], number_of(least))
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined
 def _find_strongest(
     positions_m: Floats,
     powers_w: Floats,
@@ -212,7 +214,7 @@ def _find_strongest(
             strongest[user], strongest_power_w[user] = uav, received_w[rival]
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined
 def _find_rivals(
     positions_m: Floats,
     powers_w: Floats,
@@ -268,7 +270,7 @@ def _find_rivals(
     return count
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined
 def _may_be_stronger(
     distance_squared_m2: float,
     altitude_m: float,
@@ -290,7 +292,7 @@ def _may_be_stronger(
     return is_higher & (best_case_w_m2 >= near_received_w * distance_squared_m2)
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined
 def link_power_w(
     transmit_power_w: float,
     distance_squared_m2: float,

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import linear_sum_assignment
 from sklearn.cluster import KMeans
 from sklearn.exceptions import ConvergenceWarning
 from threadpoolctl import ThreadpoolController
@@ -22,9 +23,9 @@ class Deployment(NamedTuple):
     uav_positions_m: NDArray[np.float64]
     """Horizontal start of every UAV, (N, 2)."""
     target_users: NDArray[np.bool_]
-    """True for the users of G_UAV, (M,): all but the cluster nearest the GBS."""
+    """True for the users of G_UAV, (M,): all but those of the masts' clusters."""
     centroids_m: NDArray[np.float64]
-    """All N + 1 centroids, (N + 1, 2)."""
+    """All centroids, (N + G, 2)."""
     labels: NDArray[np.int32]
     """Cluster of every user, (M,)."""
     users_m: NDArray[np.float64]
@@ -41,14 +42,18 @@ def gbs_aware_kmeans(
 ) -> Deployment:
     """K-Means++ into N + 1 clusters; the one nearest the GBS is the GBS's (Section IV-B).
 
+    With G masts there are N + G clusters, of which each mast gets one: those with which the sum of
+    the distances from mast to centroid is least (M45). With none, all clusters are UAVs'.
+
     The seeding is scikit-learn's greedy K-Means++: each centre is the best of 2 + ln(N + 1) draws.
     Users at fewer than N + 1 distinct places leave clusters without any. The GBS gets one that has
     users; the UAVs to spare start where there are the most users per UAV (M36).
 
     Args:
-        users: positions (M, 2) in m as Phase I sees them, at least N + 1 of them.
+        users: positions (M, 2) in m as Phase I sees them, at least N + G of them.
         uavs: number N of UAVs.
-        gbs: position of the GBS, of which the first two coordinates count.
+        gbs: position of the GBS, of which the first two coordinates count, or of G masts, (G, 2) or
+            (G, 3); empty for none.
         seed: of the K-Means++ seeding.
         n_init: runs, of which the one with the least within-cluster sum of squares is kept (M27).
     """
@@ -57,21 +62,34 @@ def gbs_aware_kmeans(
         raise ValueError(f"uavs is {uavs}: at least 1 is needed")
     if positions.ndim != 2 or positions.shape[1] != 2 or not np.isfinite(positions).all():
         raise ValueError("user positions are not finite numbers of shape (users, 2)")
-    if len(positions) < uavs + 1:
-        raise ValueError(f"{len(positions)} users cannot form {uavs + 1} clusters")
+    masts_m = np.asarray(gbs, dtype=np.float64)
+    masts_m = masts_m[None, :2] if masts_m.ndim == 1 and masts_m.size else masts_m[..., :2]
+    clusters = uavs + len(masts_m)
+    if len(positions) < clusters:
+        raise ValueError(f"{len(positions)} users cannot form {clusters} clusters")
     centroids, labels = _fit(
-        KMeans(n_clusters=uavs + 1, init="k-means++", n_init=n_init, random_state=seed), positions
+        KMeans(n_clusters=clusters, init="k-means++", n_init=n_init, random_state=seed), positions
     )
-    users_of = np.bincount(labels, minlength=uavs + 1)
+    users_of = np.bincount(labels, minlength=clusters)
     is_spare = users_of == 0
-    gbs_distance = np.linalg.norm(centroids - np.asarray(gbs, dtype=np.float64)[:2], axis=1)
-    gbs_distance[is_spare] = np.inf
-    gbs_cluster = int(np.argmin(gbs_distance))
-    if users_of[gbs_cluster] < len(positions):
-        users_of[gbs_cluster] = 0
+    of_masts = _clusters_of_masts(masts_m, centroids, is_spare)
+    if users_of[of_masts].sum() < len(positions):
+        users_of[of_masts] = 0
     _settle(centroids, is_spare, users_of)
-    starts_m = np.delete(centroids, gbs_cluster, axis=0)
-    return Deployment(starts_m, labels != gbs_cluster, centroids, labels, positions)
+    starts_m = np.delete(centroids, of_masts, axis=0)
+    return Deployment(starts_m, ~np.isin(labels, of_masts), centroids, labels, positions)
+
+
+def _clusters_of_masts(
+    masts_m: NDArray[np.float64], centroids_m: NDArray[np.float64], is_spare: NDArray[np.bool_]
+) -> NDArray[np.int64]:
+    """The clusters that masts get, (G,): those with users while there are any (M36, M45)."""
+    occupied, spare = np.flatnonzero(~is_spare), np.flatnonzero(is_spare)
+    if not len(masts_m):
+        return occupied[:0]
+    distances_m = np.linalg.norm(masts_m[:, None] - centroids_m[None, occupied], axis=2)
+    chosen = linear_sum_assignment(distances_m)[1]
+    return np.concatenate([occupied[chosen], spare[: len(masts_m) - len(chosen)]])
 
 
 def kmeans_centroids(
@@ -135,7 +153,10 @@ def _openmp() -> ThreadpoolController:
 
 
 def random_start(
-    uavs: int, area_m: float, min_separation_m: float, generator: np.random.Generator
+    uavs: int,
+    area_size_m: tuple[float, float],
+    min_separation_m: float,
+    generator: np.random.Generator,
 ) -> NDArray[np.float64]:
     """Horizontal positions (N, 2) uniform over the area, d_min apart from each other (M28).
 
@@ -145,15 +166,15 @@ def random_start(
     chosen = np.empty((uavs, 2))
     for index in range(uavs):
         for _ in range(_RANDOM_START_TRIES):
-            candidate = generator.uniform(0.0, area_m, 2)
+            candidate = generator.uniform(0.0, area_size_m, 2)
             distances = np.linalg.norm(chosen[:index] - candidate, axis=1)
             if np.all(distances >= min_separation_m):
                 chosen[index] = candidate
                 break
         else:
             raise ValueError(
-                f"no room for {uavs} UAVs {min_separation_m:g} m apart in {area_m:g} m x "
-                f"{area_m:g} m"
+                f"no room for {uavs} UAVs {min_separation_m:g} m apart in {area_size_m[0]:g} m x "
+                f"{area_size_m[1]:g} m"
             )
     return chosen
 
@@ -175,18 +196,18 @@ def deploy(
         error_m = np.random.default_rng([seed, SENSING_STREAM]).normal(
             0.0, network.sensing_error_std_m, users_m.shape
         )
-        sensed_m = np.clip(users_m + error_m, 0.0, network.area_m)
+        sensed_m = np.clip(users_m + error_m, 0.0, network.area_size_m)
     deployment = gbs_aware_kmeans(
         sensed_m,
         network.uav_count,
-        parameters.gbs_position_m,
+        parameters.gbs_positions_m,
         seed=seed,
         n_init=parameters.deployment.n_init,
     )
     if parameters.deployment.init == "random":
         start_m = random_start(
             network.uav_count,
-            network.area_m,
+            network.area_size_m,
             parameters.uav.min_separation_m,
             np.random.default_rng([seed, START_STREAM]),
         )

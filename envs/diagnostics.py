@@ -1,9 +1,10 @@
 """Metrics of a slot that evaluation wants and learning does not."""
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+from numba.extending import register_jitable
 
 from orchid_uav.envs.arrays import Constants, Floats, Worlds
 from orchid_uav.envs.association import link_power_w
@@ -12,7 +13,7 @@ from orchid_uav.envs.channel import (
     signal_to_noise_ratio,
     spectral_efficiency,
 )
-from orchid_uav.envs.compilation import SOURCES, compiled
+from orchid_uav.envs.compilation import SOURCES, compiled, inlined
 from orchid_uav.envs.metrics import (
     COVERAGE,
     DIAGNOSTIC_METRICS,
@@ -124,16 +125,57 @@ def inspect_worlds(
         own_path_loss_db: see :func:`orchid_uav.envs.association.associate`.
         sources: not used; see ``SOURCES``.
     """
+    scratch = _make_scratch(worlds.positions_m.shape[1])
+    _inspect(constants, worlds, last_velocities_mps, scratch, metrics, own_path_loss_db)
+
+
+class _Scratch(NamedTuple):
+    """Memory for the cells of one world, (N,) each."""
+
+    counts: Floats
+    sums: Floats
+    inverse_sums: Floats
+    square_sums: Floats
+    means: Floats
+    """Throughput over bandwidth: the mean of efficiencies that the rule of shares makes."""
+    reaches_m2: Floats
+    """Squared ground distances from which on a UAV gains by no user."""
+
+
+@register_jitable
+def _make_scratch(uavs: int) -> _Scratch:
+    return _Scratch(
+        np.empty(uavs),
+        np.empty(uavs),
+        np.empty(uavs),
+        np.empty(uavs),
+        np.empty(uavs),
+        np.empty(uavs),
+    )
+
+
+@inlined
+def _inspect(
+    constants: Constants,
+    worlds: Worlds,
+    last_velocities_mps: Floats,
+    scratch: _Scratch,
+    metrics: Floats,
+    own_path_loss_db: Callable[..., float] | None,
+) -> None:
+    """What :func:`inspect_worlds` does, with memory for one world at a time."""
     for world in range(len(worlds.slot)):
         power_w = _power_with_thrust_w(constants, worlds, world, last_velocities_mps[world])
         metrics[world, 0] = energy_efficiency(
             worlds.metrics[world, SUM_RATE], power_w, constants.power_epsilon_w
         )
         metrics[world, 1] = _mean_nearest_uav_m(worlds.positions_m[world])
-        metrics[world, 2] = _count_blocking_pairs(constants, worlds, world, own_path_loss_db)
+        metrics[world, 2] = _count_blocking_pairs(
+            constants, worlds, world, scratch, own_path_loss_db
+        )
 
 
-@njit(error_model="numpy")
+@inlined
 def _power_with_thrust_w(
     constants: Constants, worlds: Worlds, world: int, last_velocities_mps: Floats
 ) -> float:
@@ -152,7 +194,7 @@ def _power_with_thrust_w(
     return total_power_w(propulsion_w, transmit_w)
 
 
-@njit(error_model="numpy")
+@inlined
 def _mean_nearest_uav_m(positions_m: Floats) -> float:
     """Mean over the UAVs of the distance to the nearest other one; NaN where there is none."""
     uavs = len(positions_m)
@@ -169,54 +211,48 @@ def _mean_nearest_uav_m(positions_m: Floats) -> float:
     return total_m / uavs if uavs > 1 else np.nan
 
 
-@njit(error_model="numpy")
+@inlined
 def _count_blocking_pairs(
     constants: Constants,
     worlds: Worlds,
     world: int,
+    scratch: _Scratch,
     own_path_loss_db: Callable[..., float] | None,
 ) -> int:
     """User-UAV pairs that would both gain if the user changed over to the UAV.
 
     The user gains in rate with its share in the new cell, the UAV in the throughput of its cell.
     """
+    _look_at_cells(constants, worlds, world, scratch)
+    if own_path_loss_db is None and LOSS_ALLOWS_PRUNING:
+        _bound_reaches(worlds, world, scratch)
+    # How crowded cells are, and what a user adds: the sum of 1/efficiency where rates are equal
+    # (max-min), the number of users where bandwidth is (proportional), the sum of the efficiencies
+    # where shares follow these. A change pays only into a less crowded cell.
+    crowding = scratch.inverse_sums
+    if constants.share_rule == PROPORTIONAL:
+        crowding = scratch.counts
+    elif constants.share_rule == SPECTRAL_EFFICIENCY:
+        crowding = scratch.sums
     association, efficiencies = worlds.association[world], worlds.spectral_efficiency[world]
-    loads = worlds.loads[world]
+    loads, means, reaches_m2 = worlds.loads[world], scratch.means, scratch.reaches_m2
     uavs = len(loads)
-    counts = loads.astype(np.float64)
-    sums, inverse_sums, square_sums = np.zeros(uavs), np.zeros(uavs), np.zeros(uavs)
-    means = np.zeros(uavs)  # throughput over bandwidth: the mean that the rule of shares makes
-    for user in range(len(association)):
-        uav = association[user]
-        if uav >= 0:
-            sums[uav] += efficiencies[user]
-            inverse_sums[uav] += 1.0 / efficiencies[user]
-            square_sums[uav] += efficiencies[user] ** 2
-            means[uav] += worlds.rates_bps[world, user] / constants.bandwidth_hz
-    may_prune = own_path_loss_db is None and LOSS_ALLOWS_PRUNING
-    # A UAV gains only by users whose efficiency is above the mean of its cell, and efficiency falls
-    # with distance. Where one of its own users is not above the mean, no user farther away is: that
-    # bounds the distance at which links have to be computed.
-    reaches_m2 = np.full(uavs, np.inf)
-    for user in range(len(association)):
-        uav = association[user]
-        if uav >= 0 and efficiencies[user] <= means[uav] and may_prune:
-            distance_m2 = _ground_distance_squared_m2(worlds, world, uav, user)
-            reaches_m2[uav] = min(reaches_m2[uav], distance_m2)
+    least = np.inf
+    for uav in range(uavs):
+        least = min(least, crowding[uav])
     pairs = 0
     for user in range(len(association)):
         own = association[user]
         if own < 0:  # no UAV reaches it
             continue
         efficiency = efficiencies[user]
-        # How crowded cells are, and what the user adds: the sum of 1/efficiency where rates are
-        # equal (max-min), the number of users where bandwidth is (proportional), the sum of the
-        # efficiencies where shares follow these. A change pays only into a less crowded cell.
-        crowding, added = inverse_sums, 1.0 / efficiency
+        added = 1.0 / efficiency
         if constants.share_rule == PROPORTIONAL:
-            crowding, added = counts, 1.0
+            added = 1.0
         elif constants.share_rule == SPECTRAL_EFFICIENCY:
-            crowding, added = sums, efficiency
+            added = efficiency
+        if least + added >= crowding[own]:
+            continue
         for uav in range(uavs):
             # The user receives its present UAV best. A change that would not pay over an equally
             # good link does not pay at all, and these tests compute no link.
@@ -229,14 +265,54 @@ def _count_blocking_pairs(
                 pairs += link > 0.0 and _both_gain(
                     constants,
                     link,
-                    (loads[uav], sums[uav], inverse_sums[uav], square_sums[uav]),
+                    (
+                        loads[uav],
+                        scratch.sums[uav],
+                        scratch.inverse_sums[uav],
+                        scratch.square_sums[uav],
+                    ),
                     worlds.rates_bps[world, user] * _LEAST_GAIN,
                     means[uav] * constants.bandwidth_hz * _LEAST_GAIN,
                 )
     return pairs
 
 
-@njit(error_model="numpy")
+@inlined
+def _look_at_cells(constants: Constants, worlds: Worlds, world: int, scratch: _Scratch) -> None:
+    """Sums over the users of every UAV."""
+    association, efficiencies = worlds.association[world], worlds.spectral_efficiency[world]
+    loads = worlds.loads[world]
+    uavs = len(loads)
+    counts, means, reaches_m2 = scratch.counts, scratch.means, scratch.reaches_m2
+    sums, inverse_sums, square_sums = scratch.sums, scratch.inverse_sums, scratch.square_sums
+    for uav in range(uavs):
+        counts[uav], means[uav], reaches_m2[uav] = loads[uav], 0.0, np.inf
+        sums[uav], inverse_sums[uav], square_sums[uav] = 0.0, 0.0, 0.0
+    for user in range(len(association)):
+        uav = association[user]
+        if uav >= 0:
+            sums[uav] += efficiencies[user]
+            inverse_sums[uav] += 1.0 / efficiencies[user]
+            square_sums[uav] += efficiencies[user] ** 2
+            means[uav] += worlds.rates_bps[world, user] / constants.bandwidth_hz
+
+
+@inlined
+def _bound_reaches(worlds: Worlds, world: int, scratch: _Scratch) -> None:
+    """Bound the distances at which links have to be computed.
+
+    A UAV gains only by users whose efficiency is above the mean of its cell, and efficiency falls
+    with distance. Where one of its own users is not above the mean, no user farther away is.
+    """
+    association, reaches_m2 = worlds.association[world], scratch.reaches_m2
+    for user in range(len(association)):
+        uav = association[user]
+        if uav >= 0 and worlds.spectral_efficiency[world, user] <= scratch.means[uav]:
+            distance_m2 = _ground_distance_squared_m2(worlds, world, uav, user)
+            reaches_m2[uav] = min(reaches_m2[uav], distance_m2)
+
+
+@inlined
 def _both_gain(
     constants: Constants,
     efficiency: float,
@@ -263,7 +339,7 @@ def _both_gain(
     return throughput_bps > enough_for_uav_bps
 
 
-@njit(error_model="numpy")
+@inlined
 def _link_efficiency(
     constants: Constants,
     worlds: Worlds,
@@ -286,7 +362,7 @@ def _link_efficiency(
     return spectral_efficiency(snr) if snr >= constants.required_snr else 0.0
 
 
-@njit(error_model="numpy")
+@inlined
 def _ground_distance_squared_m2(worlds: Worlds, world: int, uav: int, user: int) -> float:
     dx = worlds.user_coordinates_m[world, 0, user] - worlds.positions_m[world, uav, 0]
     dy = worlds.user_coordinates_m[world, 1, user] - worlds.positions_m[world, uav, 1]

@@ -8,13 +8,12 @@ in the order of decision M25: UAVs, transmit powers, users, association, rates, 
 from collections.abc import Callable
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from orchid_uav.envs.arrays import HISTOGRAM_CELLS, Constants, Floats, Worlds
+from orchid_uav.envs.arrays import Constants, Floats, Worlds
 from orchid_uav.envs.association import Scratch, associate, make_scratch
 from orchid_uav.envs.channel import backhaul_snr, signal_to_noise_ratio, spectral_efficiency
-from orchid_uav.envs.compilation import SOURCES, compiled
+from orchid_uav.envs.compilation import SOURCES, compiled, inlined
 from orchid_uav.envs.fairness import jain_index_from_sums
 from orchid_uav.envs.kinematics import (
     clipped,
@@ -23,7 +22,6 @@ from orchid_uav.envs.kinematics import (
     is_too_close,
     next_coordinate_m,
     next_transmit_power_w,
-    relative,
 )
 from orchid_uav.envs.knowledge.in_flight import fail_and_join, sense_users
 from orchid_uav.envs.metrics import (
@@ -38,7 +36,7 @@ from orchid_uav.envs.metrics import (
     SUM_RATE,
     WORST_RATE,
 )
-from orchid_uav.envs.observation import BACKHAUL_SCALE_DB
+from orchid_uav.envs.observation import BACKHAUL_SCALE_DB, count_users, observe
 from orchid_uav.envs.propulsion import climb_power_w, propulsion_power_w, total_power_w
 from orchid_uav.envs.reward import (
     composite_reward,
@@ -75,11 +73,24 @@ def step_worlds(
         sources: not used; see ``SOURCES``.
     """
     scratch = make_scratch(worlds.positions_m.shape[1], worlds.user_coordinates_m.shape[2])
+    _step(constants, worlds, actions, progress, scratch, own_path_loss_db)
+
+
+@inlined
+def _step(
+    constants: Constants,
+    worlds: Worlds,
+    actions: Floats,
+    progress: float,
+    scratch: Scratch,
+    own_path_loss_db: Callable[..., float] | None,
+) -> None:
+    """What :func:`step_worlds` does, with memory for one world at a time."""
     for world in range(len(worlds.slot)):
         _move_uavs(constants, worlds, world, actions[world])
         if constants.user_speed_mps > 0.0:
             _move_users(constants, worlds, world)
-            _count_users(constants, worlds, world)
+            count_users(constants, worlds, world)
         worlds.slot[world] += 1
         if len(constants.outages) > 0:
             fail_and_join(constants, worlds, world)
@@ -88,7 +99,7 @@ def step_worlds(
             sense_users(constants, worlds, world)
         _watch_constraints(constants, worlds, world)
         _score(constants, worlds, world, progress)
-        _observe(constants, worlds, world)
+        observe(constants, worlds, world)
 
 
 @compiled
@@ -109,17 +120,31 @@ def begin_episodes(
         sources: not used; see ``SOURCES``.
     """
     scratch = make_scratch(worlds.positions_m.shape[1], worlds.user_coordinates_m.shape[2])
+    _begin(constants, worlds, chosen, scratch, own_path_loss_db)
+
+
+@inlined
+def _begin(
+    constants: Constants,
+    worlds: Worlds,
+    chosen: NDArray[np.int64],
+    scratch: Scratch,
+    own_path_loss_db: Callable[..., float] | None,
+) -> None:
+    """What :func:`begin_episodes` does, with memory for one world at a time."""
     for world in chosen:
         worlds.slot[world] = 0
         worlds.user_velocities_mps[world] = 0.0
         worlds.velocities_mps[world] = 0.0
         worlds.left_flight_box[world] = False
-        worlds.stations_m[world] = worlds.positions_m[world, :, :2]
+        for uav in range(worlds.positions_m.shape[1]):
+            for axis in range(2):
+                worlds.stations_m[world, uav, axis] = worlds.positions_m[world, uav, axis]
         worlds.station_velocities_mps[world] = 0.0
         worlds.in_service[world] = True
         if len(constants.outages) > 0:
             fail_and_join(constants, worlds, world)
-        _count_users(constants, worlds, world)
+        count_users(constants, worlds, world)
         _serve(constants, worlds, world, scratch, own_path_loss_db)
         if not constants.senses_truth:
             sense_users(constants, worlds, world)
@@ -127,14 +152,15 @@ def begin_episodes(
         worlds.violation_slots[world] = 0
         _score(constants, worlds, world, 0.0)
         worlds.episode_sums[world] = 0.0
-        _observe(constants, worlds, world)
+        observe(constants, worlds, world)
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined
 def _move_uavs(constants: Constants, worlds: Worlds, world: int, actions: Floats) -> None:
     """Kinematics and power control, Sections III-B and IV-C2; decisions M5, M25, M38, M42."""
-    area_m, slot_s = constants.area_m, constants.slot_s
+    east_m, north_m = constants.area_size_m
     low_m, high_m = constants.min_altitude_m, constants.max_altitude_m
+    slot_s = constants.slot_s
     if constants.flies_stations:
         move_stations(constants, worlds, world, actions)
     for uav in range(len(actions)):
@@ -150,12 +176,12 @@ def _move_uavs(constants: Constants, worlds: Worlds, world: int, actions: Floats
             dx, dy, dz = _displacement_m(constants, actions[uav])
         position = worlds.positions_m[world, uav]
         worlds.left_flight_box[world, uav] = (
-            is_outside(position[0] + dx, 0.0, area_m)
-            or is_outside(position[1] + dy, 0.0, area_m)
+            is_outside(position[0] + dx, 0.0, east_m)
+            or is_outside(position[1] + dy, 0.0, north_m)
             or is_outside(position[2] + dz, low_m, high_m)
         )
-        x_m = next_coordinate_m(position[0], dx, 0.0, area_m)
-        y_m = next_coordinate_m(position[1], dy, 0.0, area_m)
+        x_m = next_coordinate_m(position[0], dx, 0.0, east_m)
+        y_m = next_coordinate_m(position[1], dy, 0.0, north_m)
         z_m = next_coordinate_m(position[2], dz, low_m, high_m)
         velocity[0] = (x_m - position[0]) / slot_s
         velocity[1] = (y_m - position[1]) / slot_s
@@ -181,7 +207,7 @@ def _move_uavs(constants: Constants, worlds: Worlds, world: int, actions: Floats
         settle_stations(constants, worlds, world)
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined
 def _displacement_m(constants: Constants, action: Floats) -> tuple[float, float, float]:
     """Displacement that an action of direct flight wants, within V_max (M5)."""
     scale_x_m, scale_y_m, scale_z_m = constants.displacement_scale_m
@@ -193,7 +219,7 @@ def _displacement_m(constants: Constants, action: Floats) -> tuple[float, float,
     return dx * factor, dy * factor, dz * factor
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined
 def _move_users(constants: Constants, worlds: Worlds, world: int) -> None:
     """Random walk with reflection; speed and heading are held for some slots (M16)."""
     users = worlds.user_coordinates_m.shape[2]
@@ -209,33 +235,17 @@ def _move_users(constants: Constants, worlds: Worlds, world: int) -> None:
             velocities[0, user] = speed_mps * np.cos(heading)
             velocities[1, user] = speed_mps * np.sin(heading)
     for axis in range(2):
+        side_m = constants.area_size_m[axis]
         for user in range(users):
             wanted_m = (
                 worlds.user_coordinates_m[world, axis, user]
                 + velocities[axis, user] * constants.slot_s
             )
-            worlds.user_coordinates_m[world, axis, user] = reflect_into(wanted_m, constants.area_m)
-            velocities[axis, user] *= reflection_sign(wanted_m, constants.area_m)
+            worlds.user_coordinates_m[world, axis, user] = reflect_into(wanted_m, side_m)
+            velocities[axis, user] *= reflection_sign(wanted_m, side_m)
 
 
-@njit(error_model="numpy", forceinline=True)
-def _count_users(constants: Constants, worlds: Worlds, world: int) -> None:
-    """u_dist: the users' histogram, normalised to sum 1, into its place in the state (M19)."""
-    uavs, users = worlds.positions_m.shape[1], worlds.user_coordinates_m.shape[2]
-    first = uavs * worlds.observations.shape[2]
-    histogram = worlds.states[world, first : first + HISTOGRAM_CELLS * HISTOGRAM_CELLS]
-    histogram[:] = 0.0
-    cells_per_m = HISTOGRAM_CELLS / constants.area_m
-    for user in range(users):
-        column = min(
-            int(worlds.user_coordinates_m[world, 0, user] * cells_per_m), HISTOGRAM_CELLS - 1
-        )
-        row = min(int(worlds.user_coordinates_m[world, 1, user] * cells_per_m), HISTOGRAM_CELLS - 1)
-        histogram[column * HISTOGRAM_CELLS + row] += 1.0
-    histogram /= users
-
-
-@njit(error_model="numpy", forceinline=True)
+@inlined
 def _serve(
     constants: Constants,
     worlds: Worlds,
@@ -288,34 +298,27 @@ def _serve(
             rates_bps[user] = 0.0
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined
 def _watch_constraints(constants: Constants, worlds: Worlds, world: int) -> None:
     """Collisions, backhaul and the count of slots with a violation (M17)."""
     positions_m = worlds.positions_m[world]
     uavs = len(positions_m)
-    gbs_x_m, gbs_y_m, gbs_z_m = constants.gbs_position_m
     for uav in range(uavs):
         worlds.close_uavs[world, uav] = 0
         for other in range(uav):
             dx = positions_m[uav, 0] - positions_m[other, 0]
             dy = positions_m[uav, 1] - positions_m[other, 1]
             dz = positions_m[uav, 2] - positions_m[other, 2]
-            both = worlds.in_service[world, uav] and worlds.in_service[world, other]
-            if both and is_too_close(dx * dx + dy * dy + dz * dz, constants.min_separation_m):
+            # Hardly any two are, so that this order looks at two states for hardly any two.
+            if (
+                is_too_close(dx * dx + dy * dy + dz * dz, constants.min_separation_m)
+                and worlds.in_service[world, uav]
+                and worlds.in_service[world, other]
+            ):
                 worlds.close_uavs[world, uav] += 1
                 worlds.close_uavs[world, other] += 1
     for uav in range(uavs):
-        dx = positions_m[uav, 0] - gbs_x_m
-        dy = positions_m[uav, 1] - gbs_y_m
-        dz = positions_m[uav, 2] - gbs_z_m
-        snr = backhaul_snr(
-            np.sqrt(dx * dx + dy * dy + dz * dz),
-            constants.gbs_transmit_power_w,
-            constants.backhaul_gain_db,
-            constants.carrier_frequency_hz,
-            constants.backhaul_noise_power_w,
-        )
-        snr_db = linear_to_decibel(snr)
+        snr_db = _backhaul_snr_db(constants, positions_m[uav])
         worlds.backhaul_snr_db[world, uav] = snr_db
         worlds.weak_backhaul[world, uav] = worlds.in_service[world, uav] and (
             snr_db < constants.backhaul_required_snr_db
@@ -326,7 +329,29 @@ def _watch_constraints(constants: Constants, worlds: Worlds, world: int) -> None
         violations[2] += worlds.weak_backhaul[world, uav]
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined
+def _backhaul_snr_db(constants: Constants, position_m: Floats) -> float:
+    """SNR of a UAV's link to the mast that it receives best, the nearest (M45)."""
+    masts_m = constants.gbs_positions_m
+    if len(masts_m) == 0:
+        return constants.backhaul_required_snr_db + BACKHAUL_SCALE_DB
+    nearest_m2 = np.inf
+    for mast in range(len(masts_m)):
+        dx = position_m[0] - masts_m[mast, 0]
+        dy = position_m[1] - masts_m[mast, 1]
+        dz = position_m[2] - masts_m[mast, 2]
+        nearest_m2 = min(nearest_m2, dx * dx + dy * dy + dz * dz)
+    snr = backhaul_snr(
+        np.sqrt(nearest_m2),
+        constants.gbs_transmit_power_w,
+        constants.backhaul_gain_db,
+        constants.carrier_frequency_hz,
+        constants.backhaul_noise_power_w,
+    )
+    return linear_to_decibel(snr)
+
+
+@inlined
 def _score(constants: Constants, worlds: Worlds, world: int, progress: float) -> None:
     """Metrics of the slot and every UAV's reward (Section IV-C3, V-B; decisions M7 to M14)."""
     uavs = worlds.positions_m.shape[1]
@@ -401,7 +426,7 @@ def _score(constants: Constants, worlds: Worlds, world: int, progress: float) ->
     _add_up(worlds, world)
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined
 def _add_up(worlds: Worlds, world: int) -> None:
     """Add the slot's mean reward and metrics to the episode's sums."""
     reward, uavs = 0.0, worlds.rewards.shape[1]
@@ -413,48 +438,10 @@ def _add_up(worlds: Worlds, world: int) -> None:
         sums[1 + metric] += worlds.metrics[world, metric]
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined
 def _propulsion_power_w(constants: Constants, velocity: Floats) -> float:
     speed_mps = np.sqrt(
         velocity[0] * velocity[0] + velocity[1] * velocity[1] + velocity[2] * velocity[2]
     )
     power_w = propulsion_power_w(speed_mps, *constants.rotor)
     return power_w + climb_power_w(velocity[2], constants.climbing_mass_kg)
-
-
-@njit(error_model="numpy", forceinline=True)
-def _observe(constants: Constants, worlds: Worlds, world: int) -> None:
-    """Every UAV's observation, and the state but for u_dist (M18, M19)."""
-    area_m = constants.area_m
-    uavs, users = worlds.positions_m.shape[1], worlds.user_coordinates_m.shape[2]
-    past_slots = max(worlds.slot[world], 1)
-    for uav in range(uavs):
-        x_m, y_m, z_m = worlds.positions_m[world, uav]
-        altitude = relative(z_m, constants.min_altitude_m, constants.max_altitude_m)
-        seen = worlds.observations[world, uav]
-        seen[0] = x_m / area_m
-        seen[1] = y_m / area_m
-        seen[2] = altitude
-        power = relative(
-            worlds.transmit_powers_w[world, uav],
-            constants.min_transmit_power_w,
-            constants.max_transmit_power_w,
-        )
-        seen[3] = max(power, 0.0)  # one that has failed sends nothing
-        seen[4] = worlds.nearest_user_m[world, uav] / area_m
-        seen[5] = worlds.loads[world, uav] / users
-        seen[6] = x_m / area_m
-        seen[7] = 1.0 - x_m / area_m
-        seen[8] = y_m / area_m
-        seen[9] = 1.0 - y_m / area_m
-        seen[10] = altitude
-        seen[11] = 1.0 - altitude
-        for kind in range(3):
-            seen[12 + kind] = worlds.violation_slots[world, uav, kind] / past_slots
-        margin_db = worlds.backhaul_snr_db[world, uav] - constants.backhaul_required_snr_db
-        seen[15] = margin_db / BACKHAUL_SCALE_DB
-    size = worlds.observations.shape[2]
-    for uav in range(uavs):
-        for number in range(size):
-            worlds.states[world, uav * size + number] = worlds.observations[world, uav, number]
-    worlds.states[world, -1] = worlds.metrics[world, RATE_JFI]

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import chain
 from typing import Annotated, Any, Literal, get_args, get_origin
 
 from annotated_types import Ge, Gt, Le, Lt, MaxLen, MinLen
@@ -41,6 +42,26 @@ def within(least: float, greatest: float) -> Any:
     return Field(ge=least, le=greatest)
 
 
+Distance = Annotated[float, within(0.0, 1e6)]
+"""In m, up to a thousand kilometres."""
+Altitude = Annotated[float, within(0.01, 1e5)]
+"""In m, up to the edge of space."""
+TransmitPower = Annotated[float, within(1e-9, 1e4)]
+"""In W."""
+RotorPower = Annotated[float, within(1e-3, 1e6)]
+"""In W."""
+Bandwidth = Annotated[float, within(1.0, 1e12)]
+"""In Hz."""
+Level = Annotated[float, within(-200.0, 200.0)]
+"""In dBm or dBi."""
+ExcessLoss = Annotated[float, within(-100.0, 300.0)]
+"""In dB."""
+RequiredSnr = Annotated[float, within(-100.0, 200.0)]
+"""In dB; far below, the spectral efficiency of a link that is served would round to 0."""
+Weight = Annotated[float, within(0.0, 1e6)]
+Pair = tuple[Weight, Weight]
+
+
 @dataclass(frozen=True)
 class Flag:
     """The option of the command line for a key; among what a field is annotated with.
@@ -76,8 +97,7 @@ def flag_of(field: FieldInfo) -> Flag | None:
 def type_of(field: FieldInfo) -> Any:
     """What a field holds where it is not None: a class, or a Literal."""
     kinds = get_args(field.annotation) if allows_none(field) else [field.annotation]
-    kind = next(kind for kind in kinds if kind is not type(None))
-    return get_args(kind)[0] if get_origin(kind) is Annotated else kind
+    return _bare(next(kind for kind in kinds if kind is not type(None)))
 
 
 def choices_of(field: FieldInfo) -> list[str]:
@@ -120,8 +140,25 @@ def holds_several(field: FieldInfo) -> bool:
     return get_origin(field.annotation) is tuple
 
 
+def may_hold_several(field: FieldInfo) -> bool:
+    """Whether a field holds a value or a list of them."""
+    kinds = [_bare(kind) for kind in get_args(field.annotation)]
+    return any(get_origin(kind) is tuple for kind in kinds)
+
+
+def _bare(annotation: Any) -> Any:
+    return get_args(annotation)[0] if get_origin(annotation) is Annotated else annotation
+
+
 def _values(annotation: Any, bounds: list[Any], quote: str) -> str:
+    if get_origin(annotation) is Annotated:
+        annotation, *items = get_args(annotation)
+        own = (item.metadata if isinstance(item, FieldInfo) else [item] for item in items)
+        bounds = [*bounds, *chain.from_iterable(own)]
     arguments = get_args(annotation)
+    forms = [item.text for item in bounds if isinstance(item, Form)]
+    if forms:
+        return f"{quote}{forms[0]}{quote}"
     if get_origin(annotation) is tuple:
         count = str(len(arguments))
         if Ellipsis in arguments:
@@ -132,18 +169,10 @@ def _values(annotation: Any, bounds: list[Any], quote: str) -> str:
     words = [argument for argument in arguments if isinstance(argument, str)]
     if words:
         return ", ".join(f"{quote}{word}{quote}" for word in words)
-    own = [
-        bound
-        for item in getattr(annotation, "__metadata__", ())
-        for bound in (item.metadata if isinstance(item, FieldInfo) else [item])
-    ]
-    for item in getattr(annotation, "__metadata__", ()):
-        if isinstance(item, Form):
-            return f"{quote}{item.text}{quote}"
-    inner = [argument for argument in arguments if argument is not type(None)]
-    if inner and not own:  # the one type of an optional value
-        return _values(inner[0], bounds, quote)
-    return _range([*bounds, *own])
+    if arguments:  # of several types, perhaps of none
+        kinds = [argument for argument in arguments if argument is not type(None)]
+        return " or ".join(_values(kind, bounds, quote) for kind in kinds)
+    return _range(bounds)
 
 
 def _range(bounds: list[Any]) -> str:
@@ -218,11 +247,16 @@ class Section(BaseModel):
     @classmethod
     def _truth_is_no_number(cls, value: Any, info: ValidationInfo) -> Any:
         # pydantic would take "uav_count = true" for 1.
-        values = value if isinstance(value, list | tuple) else [value]
         expects_truth = cls.model_fields[str(info.field_name)].annotation is bool
-        if any(isinstance(one, bool) for one in values) and not expects_truth:
+        if _holds_truth(value) and not expects_truth:
             raise ValueError("true and false are no values of this key")
         return value
+
+
+def _holds_truth(value: Any) -> bool:
+    if isinstance(value, list | tuple):
+        return any(map(_holds_truth, value))
+    return isinstance(value, bool)
 
 
 def fields_by_key(model: type[BaseModel]) -> dict[str, FieldInfo]:
@@ -283,7 +317,8 @@ def describe_error(error: ValidationError, model: type[BaseModel]) -> tuple[str,
     if key and first["type"] in _OUT_OF_RANGE:
         values = values_of(fields[key])
         if "than" in first["type"]:  # a number, perhaps one of several
-            values = "within " + values.rpartition("× ")[2]
+            values = values.rpartition("× ")[2] if holds_several(fields[key]) else values
+            values = f"within {values}"
         told = f"not {values} {unit_of(key)}".rstrip()
     key = key or ".".join(location)
     return key, f"{key} = {first['input']!r}: {told}"

@@ -12,8 +12,18 @@ from typing import Annotated, Any, Literal
 from pydantic import ValidationError, model_validator
 
 from orchid_uav.envs.keys import (
+    Altitude,
+    Bandwidth,
+    Distance,
+    ExcessLoss,
     Flag,
+    Level,
+    Pair,
+    RequiredSnr,
+    RotorPower,
     Section,
+    TransmitPower,
+    Weight,
     by_key,
     describe_error,
     fields_by_key,
@@ -22,26 +32,9 @@ from orchid_uav.envs.keys import (
     within,
 )
 from orchid_uav.envs.knowledge.outages import Failure, Outage
+from orchid_uav.envs.starts.places import Area, Masts
 from orchid_uav.suggestions import unknown
 
-Distance = Annotated[float, within(0.0, 1e6)]
-"""In m, up to a thousand kilometres."""
-Altitude = Annotated[float, within(0.01, 1e5)]
-"""In m, up to the edge of space."""
-TransmitPower = Annotated[float, within(1e-9, 1e4)]
-"""In W."""
-RotorPower = Annotated[float, within(1e-3, 1e6)]
-"""In W."""
-Bandwidth = Annotated[float, within(1.0, 1e12)]
-"""In Hz."""
-Level = Annotated[float, within(-200.0, 200.0)]
-"""In dBm or dBi."""
-ExcessLoss = Annotated[float, within(-100.0, 300.0)]
-"""In dB."""
-RequiredSnr = Annotated[float, within(-100.0, 200.0)]
-"""In dB; far below, the spectral efficiency of a link that is served would round to 0."""
-Weight = Annotated[float, within(0.0, 1e6)]
-Pair = tuple[Weight, Weight]
 Distribution = Literal["tcp", "uniform"]
 Start = Literal["kmeans", "balanced", "random"]
 Objective = Literal["mmf", "pf"]
@@ -55,10 +48,10 @@ _LONGEST_MEMORY_SLOTS = 1000
 class NetworkParameters(Section):
     """The area, its users, and how long an episode is."""
 
-    area_m: Annotated[float, within(1.0, 1e6)] = 2000.0
-    """Side D of the square service area."""
+    area_m: Area = 2000.0
+    """Side D of the square service area, or `[east, north]`, the sides of a rectangle (M44)."""
     user_count: Annotated[int, within(2, 100_000), Flag("users", "world", "50..200:50")] = 100
-    """Number M of ground users; there must be more users than UAVs."""
+    """Number M of ground users; there must be as many as UAVs and masts."""
     uav_count: Annotated[int, within(1, 1000), Flag("uavs", "world", "4..10")] = 6
     """Number N of UAVs."""
     total_bandwidth_hz: Bandwidth | None = None
@@ -91,6 +84,11 @@ class NetworkParameters(Section):
     """UAVs that fail: `2@60` is UAV 2 from slot 60 on, `0@0-30` UAV 0 up to slot 30 (M42)."""
 
     @property
+    def area_size_m(self) -> tuple[float, float]:
+        """Sides of the area, east and north."""
+        return self.area_m if isinstance(self.area_m, tuple) else (self.area_m, self.area_m)
+
+    @property
     def outages(self) -> tuple[Outage, ...]:
         """The failures, read."""
         return tuple(Outage.read(text) for text in self.failures)
@@ -107,15 +105,6 @@ class NetworkParameters(Section):
                 raise ValueError(
                     f"UAV {outage.uav} cannot fail in slot {outage.first_slot} and join before it"
                 )
-        return self
-
-    @model_validator(mode="after")
-    def _enough_users(self) -> NetworkParameters:
-        if self.user_count < self.uav_count + 1:
-            raise ValueError(
-                f"user_count is {self.user_count}, but K-Means into uav_count + 1 clusters needs "
-                f"at least {self.uav_count + 1} users"
-            )
         return self
 
 
@@ -287,10 +276,12 @@ class ChannelParameters(Section):
 
 
 class GbsParameters(Section):
-    """The ground base station in the middle of the area, and its users' link (M4)."""
+    """The ground base station, or several, and its users' link (M4)."""
 
+    positions_m: Masts = "middle"
+    """Masts, in the area or beyond it; `[]` for none (M45)."""
     height_m: Altitude = 30.0
-    """Antenna height H_GBS."""
+    """Antenna height H_GBS, of masts that have none of their own."""
     transmit_power_dbm: Level = 30.0
     """Transmit power P_GBS."""
     path_loss_exponent: Annotated[float, within(0.1, 10.0)] = 3.5
@@ -298,7 +289,7 @@ class GbsParameters(Section):
     shadowing_std_db: Annotated[float, within(0.0, 100.0)] = 8.0
     """Standard deviation sigma_sh of the shadowing, drawn once per user and episode (M4)."""
     access_bandwidth_hz: Bandwidth = 10e6
-    """Bandwidth that the GBS divides equally among its users (M4)."""
+    """Bandwidth that each mast divides equally among its users (M4)."""
 
 
 class SensingParameters(Section):
@@ -379,14 +370,24 @@ class Parameters(Section):
     def _room_for_a_random_start(self) -> Parameters:
         uavs, apart_m = self.network.uav_count, self.uav.min_separation_m
         if self.deployment.init == "random" and apart_m > 0.0:
-            # Oler's bound on the points of a square that lie so far apart (1961).
-            sides = self.network.area_m / apart_m
-            # sides * sides is infinite where sides**2 would raise an OverflowError.
-            if uavs > 2.0 / 3.0**0.5 * (sides * sides) + 2.0 * sides + 1.0:
+            # Oler's bound on the points of a rectangle that lie so far apart (1961).
+            east, north = (side_m / apart_m for side_m in self.network.area_size_m)
+            if uavs > 2.0 / 3.0**0.5 * (east * north) + (east + north) + 1.0:
+                sides_m = " x ".join(f"{side_m:g}" for side_m in self.network.area_size_m)
                 raise ValueError(
                     f"there is no room for {uavs} UAVs min_separation_m = {apart_m:g} m apart, as "
-                    f"init = random wants them, in area_m = {self.network.area_m:g} m"
+                    f"init = random wants them, in area_m = {sides_m} m"
                 )
+        return self
+
+    @model_validator(mode="after")
+    def _enough_users(self) -> Parameters:
+        uavs, masts = self.network.uav_count, len(self.gbs_positions_m)
+        if self.network.user_count < uavs + masts:
+            raise ValueError(
+                f"user_count is {self.network.user_count}, but K-Means into a cluster for each of "
+                f"{uavs} UAVs (uav_count) and {masts} masts needs at least {uavs + masts} users"
+            )
         return self
 
     @model_validator(mode="after")
@@ -424,10 +425,14 @@ class Parameters(Section):
         return float(decibel_to_linear(self.channel.required_snr_db))
 
     @property
-    def gbs_position_m(self) -> tuple[float, float, float]:
-        """q_0, the GBS antenna in the middle of the area."""
-        middle_m = 0.5 * self.network.area_m
-        return (middle_m, middle_m, self.gbs.height_m)
+    def gbs_positions_m(self) -> tuple[tuple[float, float, float], ...]:
+        """Antennas of the masts; by default q_0 alone, in the middle of the area."""
+        masts = self.gbs.positions_m
+        if masts == "middle":
+            east_m, north_m = self.network.area_size_m
+            masts = ((0.5 * east_m, 0.5 * north_m),)
+        usual_m = self.gbs.height_m
+        return tuple((mast[0], mast[1], mast[2] if len(mast) > 2 else usual_m) for mast in masts)
 
     @property
     def delay_slots(self) -> int:
@@ -437,16 +442,18 @@ class Parameters(Section):
     @property
     def circle_radius_m(self) -> float:
         """Radius of the circles round stations, for which the area has room (M38)."""
-        return min(self.uav.station.circle_radius_m, 0.5 * self.network.area_m)
+        return min(self.uav.station.circle_radius_m, 0.5 * min(self.network.area_size_m))
 
     @property
     def centre_spacing_m(self) -> float:
         """Least distance of two stations, for which the area has room (M38)."""
         from orchid_uav.envs.starts.stations import greatest_spacing_m  # loads scipy
 
-        side_m = self.network.area_m - 2.0 * self.circle_radius_m
+        east_m, north_m = self.network.area_size_m
+        taken_m = 2.0 * self.circle_radius_m
         wanted_m = self.uav.station.centre_spacing_m
-        return greatest_spacing_m(self.network.uav_count, wanted_m, side_m)
+        sides_m = (east_m - taken_m, north_m - taken_m)
+        return greatest_spacing_m(self.network.uav_count, wanted_m, sides_m)
 
     @property
     def heading_hold_slots(self) -> int:

@@ -14,6 +14,9 @@ NOISE_STREAM = 2**31
 SENSING_STREAM, START_STREAM = 1, 2
 """Second number of the keys of Phase I's sensing error (M29) and of its random start (M28); the
 first number is what Phase I takes from the world's generator."""
+MASTS_STREAM = 5
+"""Second number of the key of the shadowing of all masts but the first (M45); the first number is
+the seed of the users' walks."""
 FLIGHT_SENSING_STREAM = 3
 """Second number of the key of the error on the users' positions in flight (M39); the first number
 is the seed of the users' walks."""

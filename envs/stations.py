@@ -7,15 +7,15 @@ Voronoi cells (2017).
 """
 
 import numpy as np
-from numba import njit
 
 from orchid_uav.envs.arrays import Constants, Floats, Worlds
+from orchid_uav.envs.compilation import inlined
 from orchid_uav.envs.kinematics import circling_displacement_m, clipped, displacement_factor
 from orchid_uav.envs.knowledge.outages import NEVER
 from orchid_uav.envs.units import SMALLEST_NORMAL
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined
 def move_stations(constants: Constants, worlds: Worlds, world: int, actions: Floats) -> None:
     """Set how the stations of one world move in a slot, from the actions' first two numbers.
 
@@ -39,20 +39,22 @@ def move_stations(constants: Constants, worlds: Worlds, world: int, actions: Flo
         _restrain(constants, worlds, world, uav)
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined
 def settle_stations(constants: Constants, worlds: Worlds, world: int) -> None:
     """Move the stations of one world on by a slot."""
     stations_m, velocities_mps = worlds.stations_m[world], worlds.station_velocities_mps[world]
-    low_m, high_m = constants.circle_radius_m, constants.area_m - constants.circle_radius_m
+    margin_m = constants.circle_radius_m
     for uav in range(len(stations_m)):
         for axis in range(2):
             # A place inside and a move inside may add up to beyond by a rounding error.
             stations_m[uav, axis] = clipped(
-                stations_m[uav, axis] + velocities_mps[uav, axis] * constants.slot_s, low_m, high_m
+                stations_m[uav, axis] + velocities_mps[uav, axis] * constants.slot_s,
+                margin_m,
+                constants.area_size_m[axis] - margin_m,
             )
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined
 def _restrain(constants: Constants, worlds: Worlds, world: int, uav: int) -> None:
     """Change the velocity of a station so that it stays in its cell and in the area."""
     stations_m, velocity = worlds.stations_m[world], worlds.station_velocities_mps[world, uav]
@@ -64,9 +66,9 @@ def _restrain(constants: Constants, worlds: Worlds, world: int, uav: int) -> Non
         slack_m, east, north = _slack(constants, worlds, world, uav, other)
         excess_m = max(dx * east + dy * north - slack_m, 0.0)
         dx, dy = dx - excess_m * east, dy - excess_m * north
-    high_m = constants.area_m - margin_m
-    dx = clipped(dx, margin_m - x_m, high_m - x_m)
-    dy = clipped(dy, margin_m - y_m, high_m - y_m)
+    east_m, north_m = constants.area_size_m
+    dx = clipped(dx, margin_m - x_m, east_m - margin_m - x_m)
+    dy = clipped(dy, margin_m - y_m, north_m - margin_m - y_m)
     # … and where that led over another border, stop there.
     share = 1.0
     for other in range(len(stations_m)):
@@ -77,7 +79,7 @@ def _restrain(constants: Constants, worlds: Worlds, world: int, uav: int) -> Non
     velocity[0], velocity[1] = dx * share / slot_s, dy * share / slot_s
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined
 def _slack(
     constants: Constants, worlds: Worlds, world: int, uav: int, other: int
 ) -> tuple[float, float, float]:
@@ -95,7 +97,7 @@ def _slack(
     return slack_m, east_m / distance_m, north_m / distance_m
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined
 def _returns(constants: Constants, uav: int, slot: int) -> bool:
     """Whether a UAV that is not in service joins later, and so needs its place."""
     outages = constants.outages
@@ -105,7 +107,7 @@ def _returns(constants: Constants, uav: int, slot: int) -> bool:
     return False
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined
 def autopilot_displacement_m(
     constants: Constants, worlds: Worlds, world: int, uav: int, climb_action: float
 ) -> tuple[float, float, float]:

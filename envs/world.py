@@ -1,7 +1,7 @@
 """B independent worlds, stepped together."""
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple, Unpack
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -9,7 +9,6 @@ from numpy.typing import ArrayLike, NDArray
 from orchid_uav.envs import channel
 from orchid_uav.envs.arrays import ACTION_SIZE, Constants, Worlds, state_size
 from orchid_uav.envs.compilation import specialised
-from orchid_uav.envs.deployment import deploy
 from orchid_uav.envs.dynamics import begin_episodes, step_worlds
 from orchid_uav.envs.extensions import Extensions, checked, own_path_loss
 from orchid_uav.envs.knowledge.counterfactuals import shifts_m
@@ -18,10 +17,10 @@ from orchid_uav.envs.metrics import EPISODE_METRICS, SLOT_METRICS, SUMMED_OVER_S
 from orchid_uav.envs.parameters import Parameters
 from orchid_uav.envs.seeds import FLIGHT_SENSING_STREAM, world_seeds
 from orchid_uav.envs.sharing import equal_share, user_rate_bps
-from orchid_uav.envs.starts.balanced import balanced_start_m
 from orchid_uav.envs.starts.stations import spread_out
+from orchid_uav.envs.starts.topologies import Topologies, draw_topology
 from orchid_uav.envs.threads import parts_of, run_each
-from orchid_uav.envs.users import check_user_positions, draw_user_positions
+from orchid_uav.envs.users import check_user_positions
 
 _IS_SUMMED = np.array([name in SUMMED_OVER_SLOTS for name in EPISODE_METRICS])
 
@@ -33,41 +32,6 @@ def _check(
         raise ValueError(f"{name} has shape {values.shape}, not {shape}")
     if not ((values >= limits[0]) & (values <= limits[1])).all():  # NaN compares false
         raise ValueError(f"{name} is not everywhere within its limits: {limits.tolist()}")
-
-
-class Topologies(NamedTuple):
-    """What a new episode draws at random, for B worlds: users, Phase I, shadowing, walks."""
-
-    users_m: NDArray[np.float64]
-    """Horizontal user positions, (B, M, 2)."""
-    target_users: NDArray[np.bool_]
-    """True for G_UAV, (B, M)."""
-    start_m: NDArray[np.float64]
-    """Horizontal start of every UAV, (B, N, 2)."""
-    shadowing_db: NDArray[np.float64]
-    """Of the GBS's links, (B, M)."""
-    walk_keys: NDArray[np.uint64]
-    """Seeds of the users' random walks, (B,)."""
-
-    def chosen(self, worlds: slice) -> "Topologies":
-        """Those of some of the worlds."""
-        return Topologies(*(array[worlds] for array in self))  # type: ignore[arg-type]
-
-    @classmethod
-    def joined(cls, parts: Sequence["Topologies"]) -> "Topologies":
-        """Those of several batches."""
-        return cls(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
-
-    @classmethod
-    def empty(cls, worlds: int, uavs: int, users: int) -> "Topologies":
-        """Arrays of the right shapes and types, all zero."""
-        return cls(
-            np.zeros((worlds, users, 2)),
-            np.zeros((worlds, users), np.bool_),
-            np.zeros((worlds, uavs, 2)),
-            np.zeros((worlds, users)),
-            np.zeros(worlds, np.uint64),
-        )
 
 
 class WorldBatch:
@@ -108,7 +72,7 @@ class WorldBatch:
         self.threads = threads
         self._given_users_m = None
         if user_positions_m is not None:
-            self._given_users_m = check_user_positions(user_positions_m, parameters.network)
+            self._given_users_m = check_user_positions(user_positions_m, parameters)
             parameters = parameters.with_overrides({"network.user_count": len(self._given_users_m)})
         self.parameters = parameters
         self.constants = Constants.of(parameters)
@@ -125,13 +89,14 @@ class WorldBatch:
         self.world_count = worlds
         self.uav_count = parameters.network.uav_count
         self.user_count = parameters.network.user_count
+        self.mast_count = len(parameters.gbs_positions_m)
         self.state_size = state_size(self.uav_count)
         self.progress = 0.0
         self.arrays = Worlds.zeros(self.constants, worlds, self.uav_count, self.user_count)
         self.start_shift_m = np.zeros((worlds, self.uav_count))
         """How far each UAV starts from where it was put, as stations keep apart (M38), (B, N)."""
         self.arrays.slot[:] = parameters.network.episode_slots  # no episode has begun
-        self._shadowing_db = np.zeros((worlds, self.user_count))
+        self._shadowing_db = np.zeros((worlds, self.mast_count, self.user_count))
         self._forgotten_slots = np.zeros(worlds, np.int64)
         self.generators = [np.random.default_rng(0)] * worlds
         self.seed(seed)
@@ -181,19 +146,28 @@ class WorldBatch:
         same users, targets, shadowing and walks.
         """
         chosen = np.arange(self.world_count) if worlds is None else np.asarray(worlds, np.int64)
-        drawn = Topologies.empty(len(chosen), self.uav_count, self.user_count)
+        drawn = Topologies.empty(len(chosen), self.uav_count, self.user_count, self.mast_count)
         for row, world in enumerate(chosen):
-            self._draw_topology(drawn, row, self.generators[world])
+            draw_topology(
+                drawn,
+                row,
+                self.parameters,
+                self.constants,
+                self._given_users_m,
+                self.generators[world],
+                self._begin_episodes,
+            )
         return drawn
 
     def use_topology(self, topologies: Topologies, worlds: ArrayLike | None = None) -> None:
         """Begin an episode on given topologies, one for each of the given worlds, or of all."""
         chosen = np.arange(self.world_count) if worlds is None else np.asarray(worlds, np.int64)
-        arrays, uav, area_m = self.arrays, self.parameters.uav, self.parameters.network.area_m
+        arrays, uav = self.arrays, self.parameters.uav
+        area_size_m = self.constants.area_size_m
         self.users_m[chosen] = topologies.users_m
         arrays.target_users[chosen] = topologies.target_users
         # A centroid of users at the border may lie beyond it by a rounding error.
-        arrays.positions_m[chosen, :, :2] = np.clip(topologies.start_m, 0.0, area_m)
+        arrays.positions_m[chosen, :, :2] = np.clip(topologies.start_m, 0.0, area_size_m)
         self._keep_stations_apart(chosen)
         if not self.constants.senses_truth:
             for world, key in zip(chosen, topologies.walk_keys, strict=True):
@@ -223,9 +197,10 @@ class WorldBatch:
         """
         if self.arrays.slot.any():
             raise RuntimeError("UAVs can be placed only between reset() and the first step()")
-        uav, area_m = self.parameters.uav, self.parameters.network.area_m
+        uav = self.parameters.uav
         positions = np.asarray(positions_m, np.float64)
-        low, high = (0.0, 0.0, uav.min_altitude_m), (area_m, area_m, uav.max_altitude_m)
+        low = (0.0, 0.0, uav.min_altitude_m)
+        high = (*self.constants.area_size_m, uav.max_altitude_m)
         _check("positions_m", positions, self.arrays.positions_m.shape, np.array([low, high]))
         powers_w = self.arrays.transmit_powers_w
         if transmit_powers_w is not None:
@@ -246,8 +221,9 @@ class WorldBatch:
         """Move UAVs that begin to stations that keep their distance (M38)."""
         if not self.constants.flies_stations:
             return
-        low_m = self.constants.circle_radius_m
-        high_m = self.constants.area_m - low_m
+        margin_m = self.constants.circle_radius_m
+        low_m = np.array([margin_m, margin_m])
+        high_m = self.constants.area_size_m - low_m
         for world in chosen:
             wanted_m = self.arrays.positions_m[world, :, :2].copy()
             starts_m = spread_out(wanted_m, self.constants.centre_spacing_m, low_m, high_m)
@@ -275,30 +251,6 @@ class WorldBatch:
             function(parts[0], self.arrays)
         else:
             run_each(lambda part: function(part, self.arrays.part(part)), parts)
-
-    def _draw_topology(self, drawn: Topologies, row: int, generator: np.random.Generator) -> None:
-        parameters = self.parameters
-        users_m = self._given_users_m
-        if users_m is None:
-            users_m = draw_user_positions(parameters.network, generator)
-        deployment = deploy(users_m, parameters, generator)
-        drawn.users_m[row] = users_m
-        drawn.target_users[row] = deployment.target_users
-        drawn.start_m[row] = deployment.uav_positions_m
-        drawn.shadowing_db[row] = generator.normal(
-            0.0, parameters.gbs.shadowing_std_db, self.user_count
-        )
-        drawn.walk_keys[row] = generator.integers(2**64, dtype=np.uint64)
-        if parameters.deployment.init == "balanced":
-            drawn.start_m[row] = balanced_start_m(
-                parameters,
-                self.constants,
-                deployment.users_m if parameters.deployment.balanced_on == "sensed" else users_m,
-                deployment.target_users,
-                deployment.uav_positions_m,
-                drawn.walk_keys[row],
-                self._begin_episodes,
-            )
 
     def step(self, actions: ArrayLike) -> None:
         """Move every world on by one slot; the outcome is in ``arrays``.
@@ -395,8 +347,8 @@ class WorldBatch:
                 raise ValueError(f"{name} holds values that cannot be")
         if (arrays["slot"] < 0).any() or (arrays["association"] < -1).any():
             raise ValueError("a slot or an association is negative")
-        users_m, area_m = arrays["users_m"], self.parameters.network.area_m
-        if (users_m < 0).any() or (users_m > area_m).any():
+        users_m = arrays["users_m"].transpose(0, 2, 1)
+        if (users_m < 0).any() or (users_m > self.constants.area_size_m).any():
             raise ValueError("a user is outside the area")
         self.set_progress(document["progress"])
         for generator, state in zip(self.generators, generators, strict=True):
@@ -422,7 +374,9 @@ class WorldBatch:
             for name, array in self.arrays._asdict().items()
             if name not in idle
         }
-        return arrays | {"shadowing_db": self._shadowing_db}
+        # … and one mast's shadowing without an axis of masts.
+        shadowing_db = self._shadowing_db[:, 0] if self.mast_count == 1 else self._shadowing_db
+        return arrays | ({"shadowing_db": shadowing_db} if self.mast_count else {})
 
     @property
     def known_users_m(self) -> NDArray[np.float64]:
@@ -457,23 +411,28 @@ class WorldBatch:
         return dict(zip(SLOT_METRICS, self.arrays.metrics[world].tolist(), strict=True))
 
     def gbs_rates_bps(self) -> NDArray[np.float64]:
-        """Rates (B, M) of the users that the GBS serves, 0 for others (decision M4).
+        """Rates (B, M) of the users that masts serve, 0 for others (decisions M4 and M45).
 
-        The GBS's bandwidth is shared equally by those of its users that reach the required SNR.
+        A user that is not a target belongs to the mast that it receives best, which shares its
+        bandwidth equally among those of its users that reach the required SNR.
         """
         gbs, radio = self.parameters.gbs, self.parameters.channel
-        horizontal_m = (
-            self.arrays.user_coordinates_m - np.array(self.parameters.gbs_position_m[:2])[:, None]
-        )
-        distance_m = np.sqrt((horizontal_m**2).sum(axis=1) + gbs.height_m**2)
+        masts_m = self.constants.gbs_positions_m
+        if not len(masts_m):
+            return np.zeros((self.world_count, self.user_count))
+        apart_m = self.arrays.user_coordinates_m[:, None] - masts_m[:, :2, None]
+        distance_m = np.sqrt((apart_m**2).sum(axis=2) + masts_m[:, 2:] ** 2)
         loss_db = channel.ground_path_loss_db(
             distance_m, radio.carrier_frequency_hz, gbs.path_loss_exponent, self._shadowing_db
         )
         power_w = channel.received_power_w(self.constants.gbs_transmit_power_w, 0.0, loss_db)
+        own_mast = channel.strongest_transmitter(power_w.swapaxes(0, 1))
         noise_w = radio.noise_power_w(gbs.access_bandwidth_hz)
-        snr = channel.signal_to_noise_ratio(power_w, noise_w)
+        snr = channel.signal_to_noise_ratio(power_w.max(axis=1), noise_w)
         served = ~self.arrays.target_users & (snr >= self.parameters.required_snr)
-        share = equal_share(np.maximum(served.sum(axis=1, keepdims=True), 1))
+        is_of_mast = own_mast[:, None] == np.arange(self.mast_count)[:, None]
+        loads = (is_of_mast & served[:, None]).sum(axis=2)
+        share = equal_share(np.maximum(np.take_along_axis(loads, own_mast, axis=1), 1))
         efficiency = channel.spectral_efficiency(snr)
         rates = user_rate_bps(share, gbs.access_bandwidth_hz, efficiency)
         return np.where(served, rates, 0.0)
@@ -483,10 +442,11 @@ class WorldBatch:
 
         ``users_m`` (M, 2), ``target_users`` (M,), ``uav_positions_m`` (N, 3),
         ``uav_velocities_mps`` (N, 3), ``transmit_powers_w`` (N,), ``association`` (M,) with -1
-        where no UAV serves the user, ``rates_bps`` (M,) with the GBS's rates for its users,
-        ``gbs_position_m`` (3,) and ``slot``.
+        where no UAV serves the user, ``rates_bps`` (M,) with the masts' rates for their users,
+        ``gbs_positions_m`` (G, 3), ``gbs_position_m`` (3,) where there is one mast, and ``slot``.
         """
-        arrays = self.arrays
+        arrays, masts_m = self.arrays, self.constants.gbs_positions_m
+        only = {"gbs_position_m": masts_m[0].copy()} if self.mast_count == 1 else {}
         return {
             "users_m": self.users_m[world].copy(),
             "target_users": arrays.target_users[world].copy(),
@@ -495,6 +455,7 @@ class WorldBatch:
             "transmit_powers_w": arrays.transmit_powers_w[world].copy(),
             "association": arrays.association[world].copy(),
             "rates_bps": arrays.rates_bps[world] + self.gbs_rates_bps()[world],
-            "gbs_position_m": np.array(self.parameters.gbs_position_m),
+            **only,
+            "gbs_positions_m": masts_m.copy(),
             "slot": int(arrays.slot[world]),
         }

@@ -12,17 +12,20 @@ from pydantic.fields import FieldInfo
 
 from orchid_uav.envs.keys import (
     Flag,
+    Pair,
     Section,
+    Weight,
     by_key,
     describe_error,
     fields_by_key,
     flag_of,
     holds_several,
     in_sections,
+    may_hold_several,
     with_current_keys,
     within,
 )
-from orchid_uav.envs.parameters import NetworkParameters, Pair, Parameters, Weight
+from orchid_uav.envs.parameters import Parameters
 from orchid_uav.experiments.configuration_files import read_configuration
 from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.presets import ALGORITHM_DEFAULTS, PRESETS
@@ -291,6 +294,7 @@ _OTHER_NAMES = {
 } | {"speed_mps": "network.user_speed_mps"}
 """Names that keys have elsewhere, on the command line and in Python."""
 _LISTS = {key for key in configuration_keys() if holds_several(field_of(key))}
+_PERHAPS_LISTS = {key for key in configuration_keys() if may_hold_several(field_of(key))}
 
 
 def flatten(config: Parameters) -> dict[str, Any]:
@@ -332,7 +336,8 @@ def assignment_layer(assignments: Iterable[str], option: str = "--set") -> Layer
         if not separator:
             raise InputError(f"{option} {assignment} is not of the form section.key=value")
         key, text = key.strip(), text.strip()
-        takes_list = key in _LISTS and not text.startswith("[")
+        is_list = key in _LISTS or ("," in text and key in _PERHAPS_LISTS)
+        takes_list = is_list and not text.startswith("[")
         parts = text.split(",") if text else []
         values[key] = [_parse(part.strip()) for part in parts] if takes_list else _parse(text)
     return Layer(option, _with_current_keys(values, option))
@@ -475,14 +480,16 @@ def reward_differences(configurations: Sequence[Mapping[str, Any]]) -> list[str]
     return [key for key in keys if len({repr(of(one, key)) for one in configurations}) > 1]
 
 
-def spare_uavs_note(network: NetworkParameters) -> str | None:
+def spare_uavs_note(parameters: Parameters) -> str | None:
     """A note if users stand at fewer places than Phase I makes clusters (M36), else None."""
+    network, masts = parameters.network, len(parameters.gbs_positions_m)
     are_points = network.distribution == "tcp" and network.scatter_std_m == 0.0
-    clusters = network.uav_count + 1
+    clusters = network.uav_count + masts
     if not are_points or network.sensing_error_std_m > 0.0 or network.hotspot_count >= clusters:
         return None
-    if network.hotspot_count == 1:
-        return "all users stand at one place, which Phase I gives to the GBS: UAVs serve nobody"
+    if network.hotspot_count <= masts:
+        where = "one place" if masts == 1 else f"{network.hotspot_count} places at most"
+        return f"all users stand at {where}, which Phase I gives to the GBS: UAVs serve nobody"
     return (
         f"users stand at {network.hotspot_count} places at most, fewer than the {clusters} "
         f"clusters of Phase I: {clusters - network.hotspot_count} or more of the "

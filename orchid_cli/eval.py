@@ -183,9 +183,7 @@ def evaluate(
         )
         shown = console(stderr=as_json)
         _tell_differences(plan, world)
-        for note in dict.fromkeys(
-            spare_uavs_note(one.apply(plan.world).network) for one in settings
-        ):
+        for note in dict.fromkeys(spare_uavs_note(one.apply(plan.world)) for one in settings):
             if note:
                 print_note(note)
         if not quiet:

@@ -203,8 +203,13 @@ def text_of(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:g}" if float(f"{value:g}") == value else repr(value)
     if isinstance(value, list | tuple):
-        return ",".join(map(text_of, value))
+        text = ",".join(f"[{text_of(one)}]" if _is_list(one) else text_of(one) for one in value)
+        return f"[{text}]" if any(map(_is_list, value)) or not value else text
     return str(value)
+
+
+def _is_list(value: Any) -> bool:
+    return isinstance(value, list | tuple)
 
 
 def listed(key: str, text: str) -> list[Any]:

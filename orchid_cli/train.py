@@ -122,7 +122,7 @@ def train(
         if resume is None:
             merged, _ = configuration(preset, config, assignments, flags)
             _note_idle_flags(merged, flags)
-            if spare_uavs := spare_uavs_note(merged.network):
+            if spare_uavs := spare_uavs_note(merged):
                 print_note(spare_uavs)
         else:
             path, merged = _continuation(context, flags, find_run(resume, expanded(runs_dir)))

@@ -12,7 +12,8 @@ from orchid_uav.envs.dynamics import begin_episodes
 from orchid_uav.envs.kinematics import chord, circling_displacement_m
 from orchid_uav.envs.propulsion import circling_speed_mps, load_factor
 from orchid_uav.envs.starts.balanced import most_balanced, restarts_of
-from orchid_uav.envs.world import Topologies, WorldBatch
+from orchid_uav.envs.starts.topologies import Topologies
+from orchid_uav.envs.world import WorldBatch
 
 Floats = NDArray[np.float64]
 
@@ -62,8 +63,8 @@ class Loiter:
 
     def _inside(self, world: WorldBatch, centres_m: Floats) -> Floats:
         """Centres moved away from the borders as far as a whole circle needs."""
-        area_m = world.parameters.network.area_m
-        return np.clip(centres_m, self.circle_m, area_m - self.circle_m)
+        high_m = np.array(world.constants.area_size_m) - self.circle_m
+        return np.clip(centres_m, self.circle_m, high_m)
 
     def act(self, world: WorldBatch) -> Actions:
         """On along the circle, or towards it."""
@@ -141,7 +142,7 @@ def candidate_starts(
             target_sets.append(targets)
         else:
             phase_one = gbs_aware_kmeans(
-                users_m, world.uav_count, world.parameters.gbs_position_m, restart_seed
+                users_m, world.uav_count, world.parameters.gbs_positions_m, restart_seed
             )
             starts_m.append(phase_one.uav_positions_m)
             target_sets.append(phase_one.target_users)
@@ -155,7 +156,7 @@ def repeat_topology(world: WorldBatch, index: int, count: int) -> Topologies:
         users_m=np.repeat(world.users_m[index][None], count, axis=0),
         target_users=np.repeat(arrays.target_users[index][None], count, axis=0),
         start_m=np.repeat(arrays.positions_m[index, :, :2][None], count, axis=0),
-        shadowing_db=np.zeros((count, world.user_count)),
+        shadowing_db=np.zeros((count, world.mast_count, world.user_count)),
         walk_keys=np.repeat(arrays.walk_key[index], count),
     )
 
@@ -211,7 +212,7 @@ class Track(Loiter):
 
 def circle_radius_m(world: WorldBatch, radius_m: float) -> float:
     """The radius wanted, or less where the area has no room for it."""
-    return min(radius_m, 0.5 * world.parameters.network.area_m)
+    return min(radius_m, 0.5 * min(world.constants.area_size_m))
 
 
 def bank_angle_deg(speed_mps: float, radius_m: float) -> float:

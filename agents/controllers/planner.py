@@ -137,12 +137,12 @@ class _Judge:
 
     def __init__(self, world: WorldBatch, radius_m: float) -> None:
         parameters = world.parameters
-        uav, area_m = parameters.uav, parameters.network.area_m
+        uav, (east_m, north_m) = parameters.uav, parameters.network.area_size_m
         margin_m = circle_radius_m(world, radius_m)
         low = (margin_m, margin_m, uav.min_altitude_m, uav.min_transmit_power_w)
         high = (
-            area_m - margin_m,
-            area_m - margin_m,
+            east_m - margin_m,
+            north_m - margin_m,
             uav.max_altitude_m,
             uav.max_transmit_power_w,
         )

@@ -9,15 +9,15 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+from numba.extending import register_jitable
 from numpy.typing import NDArray
 
 from orchid_uav.agents.controllers.controller import Actions, check_stations, station_actions
 from orchid_uav.envs.arrays import Constants, Floats, Worlds
 from orchid_uav.envs.channel import signal_to_noise_ratio, spectral_efficiency
-from orchid_uav.envs.compilation import SOURCES, compiled
+from orchid_uav.envs.compilation import SOURCES, compiled, inlined
 from orchid_uav.envs.kinematics import clipped
-from orchid_uav.envs.knowledge.counterfactuals import expected_utility, receive_from
+from orchid_uav.envs.knowledge.counterfactuals import CELL_SUMS, expected_utility, receive_from
 from orchid_uav.envs.knowledge.neighbourhood import expected_m
 from orchid_uav.envs.users import counter_uniform
 from orchid_uav.envs.world import WorldBatch
@@ -131,9 +131,10 @@ class _Scratch(NamedTuple):
     """From a UAV elsewhere, (points, M)."""
     efficiencies: Floats
     cells: NDArray[np.int64]
+    cell_sums: Floats
 
 
-@njit(error_model="numpy", forceinline=True)
+@register_jitable
 def _make_scratch(uavs: int, users: int) -> _Scratch:
     return _Scratch(
         np.empty((2, users)),
@@ -142,10 +143,11 @@ def _make_scratch(uavs: int, users: int) -> _Scratch:
         np.empty((CIRCLE_POINTS, users)),
         np.empty(users),
         np.empty(users, np.int64),
+        np.empty((uavs, CELL_SUMS)),
     )
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined
 def _look(
     constants: Constants, worlds: Worlds, world: int, ahead_s: float, scratch: _Scratch
 ) -> tuple[int, int, float]:
@@ -166,20 +168,21 @@ def _look(
     return count, size, transmit_w
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined
 def _try(
     constants: Constants, key: np.uint64, counter: np.uint64, station_m: Floats, place_m: Floats
 ) -> None:
     """Draw another place for a station, near or far."""
-    low_m, high_m = constants.circle_radius_m, constants.area_m - constants.circle_radius_m
+    margin_m = constants.circle_radius_m
+    east_m, north_m = constants.area_size_m
     share = counter_uniform(key, counter + np.uint64(1))
     step_m = _GREATEST_STEP_M * (_LEAST_STEP_M / _GREATEST_STEP_M) ** share
     angle = 2.0 * np.pi * counter_uniform(key, counter + np.uint64(2))
-    place_m[0] = clipped(station_m[0] + step_m * np.cos(angle), low_m, high_m)
-    place_m[1] = clipped(station_m[1] + step_m * np.sin(angle), low_m, high_m)
+    place_m[0] = clipped(station_m[0] + step_m * np.cos(angle), margin_m, east_m - margin_m)
+    place_m[1] = clipped(station_m[1] + step_m * np.sin(angle), margin_m, north_m - margin_m)
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined
 def _has_room(
     constants: Constants,
     places_m: Floats,
@@ -196,7 +199,7 @@ def _has_room(
     return True
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined
 def _receive(
     constants: Constants,
     worlds: Worlds,
@@ -223,7 +226,7 @@ def _receive(
         )
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined
 def _utility(
     constants: Constants, scratch: _Scratch, tried: int, size: int, count: int, transmit_w: float
 ) -> float:
@@ -241,6 +244,12 @@ def _utility(
             scratch.efficiencies[user] = spectral_efficiency(snr)
             scratch.cells[user] = cell if snr >= constants.required_snr else -1
         total += expected_utility(
-            constants, scratch.efficiencies, scratch.cells, count, size, transmit_w
+            constants,
+            scratch.efficiencies,
+            scratch.cells,
+            scratch.cell_sums,
+            count,
+            size,
+            transmit_w,
         )
     return total / CIRCLE_POINTS

@@ -21,8 +21,8 @@ def observation_space(parameters: Parameters, own_size: int | None = None) -> sp
 
     Of the paper's, everything lies in [0, 1] but the nearest user's distance, at most the
     diagonal, and the backhaul's margin, whose bounds are those at the nearest and the farthest
-    point of the flight box. With ``own_size``, that many numbers of the caller's own, of which no
-    bounds are known.
+    point of the flight box from a mast. With ``own_size``, that many numbers of the caller's own,
+    of which no bounds are known.
     """
     if own_size is not None:
         return spaces.Box(-np.inf, np.inf, (own_size,), np.float32)
@@ -44,11 +44,14 @@ def _paper_observation_space(parameters: Parameters) -> spaces.Box:
 def _backhaul_margins(parameters: Parameters) -> tuple[float, float]:
     """Least and greatest backhaul SNR above its threshold in the flight box, scaled (M18)."""
     uav, constants = parameters.uav, Constants.of(parameters)
-    gbs_height_m = constants.gbs_position_m[2]
-    to_corner_m = math.hypot(*constants.gbs_position_m[:2])
-    below_m, above_m = gbs_height_m - uav.min_altitude_m, uav.max_altitude_m - gbs_height_m
-    farthest_m = math.hypot(to_corner_m, max(abs(below_m), abs(above_m)))
-    nearest_m = max(-below_m, -above_m, 0.0)
+    masts_m = constants.gbs_positions_m
+    if not len(masts_m):
+        return 1.0, 1.0
+    low_m = np.array([0.0, 0.0, uav.min_altitude_m])
+    high_m = np.array([*constants.area_size_m, uav.max_altitude_m])
+    # The mast that a UAV receives best is the nearest, and none is farther than its own corner.
+    farthest_m = np.linalg.norm(np.maximum(masts_m - low_m, high_m - masts_m), axis=1).min()
+    nearest_m = np.linalg.norm(np.clip(masts_m, low_m, high_m) - masts_m, axis=1).min()
     margins = []
     for distance_m in (farthest_m, nearest_m):
         snr = backhaul_snr(

@@ -8,13 +8,13 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+from numba.extending import register_jitable
 from numpy.typing import NDArray
 
 from orchid_uav.envs.arrays import Constants, Floats, Worlds
 from orchid_uav.envs.association import link_power_w
 from orchid_uav.envs.channel import signal_to_noise_ratio, spectral_efficiency
-from orchid_uav.envs.compilation import SOURCES, compiled
+from orchid_uav.envs.compilation import SOURCES, compiled, inlined
 from orchid_uav.envs.fairness import jain_index_from_sums
 from orchid_uav.envs.kinematics import clipped
 from orchid_uav.envs.knowledge.neighbourhood import NEIGHBOURS, expected_m, nearest_stations
@@ -31,6 +31,9 @@ SHIFT_DIRECTIONS = 8
 SHIFT_DISTANCES_M = (60.0, 180.0, 400.0)
 TEMPERATURE = 0.003
 """Of the softmax over the moves, in units of utility."""
+CELL_SUMS = 5
+"""Sums over a cell's users: their number, their spectral efficiencies, the inverses, squares and
+fourth powers of these."""
 
 
 def shifts_m() -> Floats:
@@ -65,6 +68,32 @@ def answer_worlds(
     """
     scratch = make_scratch_of_group(worlds.user_coordinates_m.shape[2])
     utilities = np.empty(len(moves_m))
+    _answer(
+        constants,
+        worlds,
+        moves_m,
+        ahead_s,
+        temperature,
+        scratch,
+        utilities,
+        wanted_m,
+        own_path_loss_db,
+    )
+
+
+@inlined
+def _answer(
+    constants: Constants,
+    worlds: Worlds,
+    moves_m: Floats,
+    ahead_s: float,
+    temperature: float,
+    scratch: "GroupScratch",
+    utilities: Floats,
+    wanted_m: Floats,
+    own_path_loss_db: Callable[..., float] | None,
+) -> None:
+    """What :func:`answer_worlds` does, with memory for one UAV at a time."""
     for world in range(len(worlds.slot)):
         for uav in range(worlds.positions_m.shape[1]):
             wanted_m[world, uav] = 0.0
@@ -85,10 +114,12 @@ def answer_worlds(
             wanted_m[world, uav, 0], wanted_m[world, uav, 1] = wanted
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined
 def mean_move_m(utilities: Floats, moves_m: Floats, temperature: float) -> tuple[float, float]:
     """Mean of the moves (S, 2), weighted by the softmax of their utilities (S,)."""
-    best = utilities.max()
+    best = -np.inf
+    for move in range(len(moves_m)):
+        best = max(best, utilities[move])
     total, east_m, north_m = 0.0, 0.0, 0.0
     for move in range(len(moves_m)):
         weight = np.exp((utilities[move] - best) / temperature)
@@ -98,7 +129,7 @@ def mean_move_m(utilities: Floats, moves_m: Floats, temperature: float) -> tuple
     return east_m / total, north_m / total
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined
 def judge(
     constants: Constants,
     worlds: Worlds,
@@ -119,7 +150,7 @@ def judge(
     if not worlds.in_service[world, uav]:
         return
     group = scratch.group
-    low_m, high_m = constants.circle_radius_m, constants.area_m - constants.circle_radius_m
+    margin_m = constants.circle_radius_m
     size = nearest_stations(worlds, world, uav, group)
     count = _find_users(constants, worlds, world, group[:size], ahead_s, scratch)
     transmit_w = worlds.transmit_powers_w[world, uav]
@@ -132,12 +163,19 @@ def judge(
         _keep_strongest(place, count, scratch)
     for move in range(len(moves_m)):
         for axis in range(2):
-            wanted = worlds.stations_m[world, uav, axis] + moves_m[move, axis]
-            scratch.place_m[axis] = clipped(wanted, low_m, high_m)
+            wanted_m = worlds.stations_m[world, uav, axis] + moves_m[move, axis]
+            high_m = constants.area_size_m[axis] - margin_m
+            scratch.place_m[axis] = clipped(wanted_m, margin_m, high_m)
         _receive(constants, worlds, world, uav, scratch.place_m, count, scratch, own_path_loss_db)
         _associate(constants, count, scratch)
         utilities[move] = expected_utility(
-            constants, scratch.efficiencies, scratch.cells, count, size, transmit_w
+            constants,
+            scratch.efficiencies,
+            scratch.cells,
+            scratch.cell_sums,
+            count,
+            size,
+            transmit_w,
         )
 
 
@@ -159,9 +197,11 @@ class GroupScratch(NamedTuple):
     efficiencies: Floats
     """Of the strongest link, (M,), and which of the group serves it, -1 if none."""
     cells: NDArray[np.int64]
+    cell_sums: Floats
+    """See :func:`expected_utility`."""
 
 
-@njit(error_model="numpy", forceinline=True)
+@register_jitable
 def make_scratch_of_group(users: int) -> GroupScratch:
     """Memory for worlds of so many users."""
     return GroupScratch(
@@ -173,10 +213,11 @@ def make_scratch_of_group(users: int) -> GroupScratch:
         np.empty(users, np.int64),
         np.empty(users),
         np.empty(users, np.int64),
+        np.empty((1 + NEIGHBOURS, CELL_SUMS)),
     )
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined
 def _find_users(
     constants: Constants,
     worlds: Worlds,
@@ -200,7 +241,7 @@ def _find_users(
     return count
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined
 def _receive(
     constants: Constants,
     worlds: Worlds,
@@ -225,7 +266,7 @@ def _receive(
     )
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined
 def _keep_strongest(place: int, count: int, scratch: GroupScratch) -> None:
     for user in range(count):
         is_better = scratch.received_w[user] > scratch.others_w[user]
@@ -233,7 +274,7 @@ def _keep_strongest(place: int, count: int, scratch: GroupScratch) -> None:
         scratch.others_w[user] = max(scratch.received_w[user], scratch.others_w[user])
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined
 def _associate(constants: Constants, count: int, scratch: GroupScratch) -> None:
     """Who serves each user, the UAV itself being 0, and how well."""
     for user in range(count):
@@ -244,7 +285,7 @@ def _associate(constants: Constants, count: int, scratch: GroupScratch) -> None:
         scratch.cells[user] = cell if snr >= constants.required_snr else -1
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined
 def receive_from(
     constants: Constants,
     power_w: float,
@@ -281,11 +322,12 @@ def receive_from(
         )
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined
 def expected_utility(
     constants: Constants,
     efficiencies: Floats,
     cells: NDArray[np.int64],
+    cell_sums: Floats,
     count: int,
     size: int,
     transmit_w: float,
@@ -296,12 +338,12 @@ def expected_utility(
         constants: of the worlds' parameters.
         efficiencies: spectral efficiency of each user's link, the first ``count`` of which count.
         cells: by which of the UAVs each user is served, -1 if by none.
+        cell_sums: memory for as many UAVs at least, (N, CELL_SUMS).
         count: number of users.
         size: number of UAVs.
         transmit_w: their transmit power in all.
     """
-    loads, inverse_sums = np.zeros(size), np.zeros(size)
-    sums, squares, fourths = np.zeros(size), np.zeros(size), np.zeros(size)
+    cell_sums[:size] = 0.0
     served = 0
     for member in range(count):
         cell = cells[member]
@@ -309,34 +351,33 @@ def expected_utility(
             efficiency = efficiencies[member]
             squared = efficiency * efficiency
             served += 1
-            loads[cell] += 1.0
-            sums[cell] += efficiency
-            inverse_sums[cell] += 1.0 / efficiency
-            squares[cell] += squared
-            fourths[cell] += squared * squared
-    rate_sum, rate_squared = 0.0, 0.0
+            cell_sums[cell, 0] += 1.0
+            cell_sums[cell, 1] += efficiency
+            cell_sums[cell, 2] += 1.0 / efficiency
+            cell_sums[cell, 3] += squared
+            cell_sums[cell, 4] += squared * squared
+    rate_sum, rate_squared, load_squared = 0.0, 0.0, 0.0
     for cell in range(size):
-        if loads[cell] > 0.0:
+        load = cell_sums[cell, 0]
+        load_squared += load * load
+        if load > 0.0:
             rate_sum += cell_throughput_bps(
                 constants.share_rule,
                 constants.bandwidth_hz,
-                loads[cell],
-                sums[cell],
-                inverse_sums[cell],
-                squares[cell],
+                load,
+                cell_sums[cell, 1],
+                cell_sums[cell, 2],
+                cell_sums[cell, 3],
             )
             rate_squared += cell_squared_rates(
                 constants.share_rule,
                 constants.bandwidth_hz,
-                loads[cell],
-                sums[cell],
-                inverse_sums[cell],
-                squares[cell],
-                fourths[cell],
+                load,
+                cell_sums[cell, 1],
+                cell_sums[cell, 2],
+                cell_sums[cell, 3],
+                cell_sums[cell, 4],
             )
-    load_squared = 0.0
-    for place in range(size):
-        load_squared += loads[place] * loads[place]
     propulsion_w = size * propulsion_power_w(
         constants.circle_chord[0] / constants.slot_s, *constants.rotor
     )

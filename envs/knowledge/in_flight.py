@@ -1,13 +1,13 @@
 """What is not as it should be in flight: failed UAVs (M42), and what is known of users (M39)."""
 
 import numpy as np
-from numba import njit
 
 from orchid_uav.envs.arrays import Constants, Worlds
+from orchid_uav.envs.compilation import inlined
 from orchid_uav.envs.kinematics import clipped
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined
 def fail_and_join(constants: Constants, worlds: Worlds, world: int) -> None:
     """Take UAVs out of service in the slot that is about to be judged, or back into it.
 
@@ -28,7 +28,7 @@ def fail_and_join(constants: Constants, worlds: Worlds, world: int) -> None:
         worlds.in_service[world, uav] = not is_out
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined
 def sense_users(constants: Constants, worlds: Worlds, world: int) -> None:
     """Remember where the users are, and tell what UAVs know of it: later, and with an error."""
     ring, slot = worlds.past_users[world], worlds.slot[world]
@@ -46,7 +46,7 @@ def sense_users(constants: Constants, worlds: Worlds, world: int) -> None:
     for axis in range(2):
         for user in range(coordinates_m.shape[1]):
             worlds.known_coordinates_m[world, axis, user] = clipped(
-                ring[seen, axis, user] + error_m[axis, user], 0.0, constants.area_m
+                ring[seen, axis, user] + error_m[axis, user], 0.0, constants.area_size_m[axis]
             )
             worlds.known_velocities_mps[world, axis, user] = ring[seen, 2 + axis, user]
     known_m = worlds.known_coordinates_m[world]

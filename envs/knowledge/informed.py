@@ -8,16 +8,16 @@ so are true. The last numbers are what best response would decide by, with what 
 from collections.abc import Callable
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from orchid_uav.envs.arrays import Constants, Floats, Worlds
-from orchid_uav.envs.compilation import SOURCES, compiled
+from orchid_uav.envs.compilation import SOURCES, compiled, inlined
 from orchid_uav.envs.kinematics import clipped, relative
 from orchid_uav.envs.knowledge.counterfactuals import (
     SHIFT_DIRECTIONS,
     SHIFT_DISTANCES_M,
     TEMPERATURE,
+    GroupScratch,
     judge,
     make_scratch_of_group,
     mean_move_m,
@@ -112,6 +112,32 @@ def inform_worlds(
     places_m = np.empty((2, users))
     group = np.empty(1 + NEIGHBOURS, np.int64)
     scratch, utilities = make_scratch_of_group(users), np.empty(len(moves_m))
+    _inform(
+        constants,
+        worlds,
+        moves_m,
+        (centroids_m, airtimes, places_m, group),
+        scratch,
+        utilities,
+        observations,
+        own_path_loss_db,
+    )
+
+
+@inlined
+def _inform(
+    constants: Constants,
+    worlds: Worlds,
+    moves_m: Floats,
+    memory: tuple[Floats, Floats, Floats, NDArray[np.int64]],
+    scratch: GroupScratch,
+    utilities: Floats,
+    observations: NDArray[np.float32],
+    own_path_loss_db: Callable[..., float] | None,
+) -> None:
+    """What :func:`inform_worlds` does, with memory for one world at a time."""
+    uavs, users = worlds.positions_m.shape[1], worlds.user_coordinates_m.shape[2]
+    centroids_m, airtimes, places_m, group = memory
     for world in range(len(worlds.slot)):
         sum_up_cells(constants, worlds, world, AHEAD_S, centroids_m, airtimes)
         for user in range(users):
@@ -169,7 +195,7 @@ def inform_worlds(
                 seen[number] = clipped(seen[number], -INFORMED_BOUND, INFORMED_BOUND)
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined
 def _see_own(
     constants: Constants,
     worlds: Worlds,
@@ -183,7 +209,7 @@ def _see_own(
     station_m, velocity_mps = worlds.stations_m[world, uav], worlds.station_velocities_mps[world]
     fastest_mps = constants.max_displacement_m / constants.slot_s
     for axis in range(2):
-        seen[axis] = station_m[axis] / constants.area_m
+        seen[axis] = station_m[axis] / constants.area_size_m[axis]
         seen[8 + axis] = velocity_mps[uav, axis] / fastest_mps
     seen[2] = relative(
         worlds.positions_m[world, uav, 2], constants.min_altitude_m, constants.max_altitude_m
@@ -229,7 +255,7 @@ def _see_own(
     seen[18] = efficiency_sum / (load * EFFICIENCY)
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined
 def _users_at_boundary(worlds: Worlds, world: int, own: int, other: int, places_m: Floats) -> float:
     """Users of a UAV that are not much nearer to it than to another."""
     own_m, other_m = worlds.stations_m[world, own], worlds.stations_m[world, other]

@@ -1,10 +1,10 @@
 """What a UAV can know of its own cell and of its nearest neighbours, for rules and observations."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from orchid_uav.envs.arrays import Constants, Floats, Worlds
+from orchid_uav.envs.compilation import inlined
 from orchid_uav.envs.kinematics import clipped
 
 NEIGHBOURS = 3
@@ -13,30 +13,34 @@ AHEAD_S = 5.0
 """Time in which users are expected to keep going as they do."""
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined
 def nearest_stations(worlds: Worlds, world: int, uav: int, group: NDArray[np.int64]) -> int:
     """Fill ``group`` with a UAV and its nearest others in service; return how many these are."""
     stations_m = worlds.stations_m[world]
     group[0], count = uav, 1
-    squared_m2 = np.empty(len(group))
     for other in range(len(stations_m)):
         if other == uav or not worlds.in_service[world, other]:
             continue
-        dx = stations_m[other, 0] - stations_m[uav, 0]
-        dy = stations_m[other, 1] - stations_m[uav, 1]
-        distance_m2 = dx * dx + dy * dy
+        distance_m2 = _squared_m2(stations_m, uav, other)
         place = count
-        while place > 1 and distance_m2 < squared_m2[place - 1]:
+        while place > 1 and distance_m2 < _squared_m2(stations_m, uav, group[place - 1]):
             if place < len(group):
-                group[place], squared_m2[place] = group[place - 1], squared_m2[place - 1]
+                group[place] = group[place - 1]
             place -= 1
         if place < len(group):
-            group[place], squared_m2[place] = other, distance_m2
+            group[place] = other
             count = min(count + 1, len(group))
     return count
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined
+def _squared_m2(stations_m: Floats, one: int, other: int) -> float:
+    dx = stations_m[other, 0] - stations_m[one, 0]
+    dy = stations_m[other, 1] - stations_m[one, 1]
+    return dx * dx + dy * dy
+
+
+@inlined
 def expected_m(
     constants: Constants, worlds: Worlds, world: int, user: int, axis: int, ahead_s: float
 ) -> float:
@@ -45,11 +49,11 @@ def expected_m(
         worlds.known_coordinates_m[world, axis, user]
         + worlds.known_velocities_mps[world, axis, user] * ahead_s,
         0.0,
-        constants.area_m,
+        constants.area_size_m[axis],
     )
 
 
-@njit(error_model="numpy", forceinline=True)
+@inlined
 def sum_up_cells(
     constants: Constants,
     worlds: Worlds,
@@ -74,4 +78,5 @@ def sum_up_cells(
                 centroids_m[uav, axis] += expected / loads[uav]
     for uav in range(len(loads)):
         if loads[uav] == 0:
-            centroids_m[uav] = worlds.stations_m[world, uav]
+            for axis in range(2):
+                centroids_m[uav, axis] = worlds.stations_m[world, uav, axis]

@@ -1,1 +1,1 @@
-"""Where UAVs begin, beyond the Phase I of the paper."""
+"""What an episode begins with: a place, its users, and where UAVs start."""

@@ -70,7 +70,7 @@ def most_balanced(
     worlds = Worlds.zeros(trial, candidates, uavs, len(users_m))
     worlds.user_coordinates_m[:] = users_m.T
     worlds.target_users[:] = target_users
-    worlds.positions_m[..., :2] = np.clip(starts_m, 0.0, parameters.network.area_m)
+    worlds.positions_m[..., :2] = np.clip(starts_m, 0.0, parameters.network.area_size_m)
     worlds.positions_m[..., 2] = parameters.uav.initial_altitude_m
     worlds.transmit_powers_w[:] = parameters.uav.start_power_w
     begin(trial, worlds, np.arange(candidates))

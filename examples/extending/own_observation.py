@@ -24,7 +24,7 @@ def observe(world: WorldBatch) -> NDArray[np.float32]:
     users = serves.sum(axis=2)[..., None]
     middle_m = np.einsum("bnm,bma->bna", serves, world.users_m) / np.maximum(users, 1)
     way_m = np.where(users > 0, middle_m - arrays.positions_m[..., :2], 0.0)
-    scaled = way_m / world.parameters.network.area_m
+    scaled = way_m / world.parameters.network.area_size_m
     return np.concatenate([arrays.observations, scaled], axis=2, dtype=np.float32)
 
 

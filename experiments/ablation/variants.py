@@ -117,7 +117,7 @@ def check_variants(variants: Sequence[Variant], base: RunConfig) -> list[str]:
             f"Reset-and-Finetune needs two windows, {first} episodes, and something to learn "
             f"after them: in {base.training.episodes} it changes nothing"
         )
-    if spare_uavs := spare_uavs_note(base.network):
+    if spare_uavs := spare_uavs_note(base):
         notes.append(spare_uavs)
     known = {BASE: base}
     for variant in variants:
@@ -140,8 +140,8 @@ def _notes(variant: Variant, config: RunConfig, base: RunConfig) -> Iterator[str
         yield "Reset-and-Finetune is off, so kappa has no effect"
     if "training.algorithm" in variant.values and config.reset.enabled:
         yield "Reset-and-Finetune stays on, as in the base"
-    spare_uavs = spare_uavs_note(config.network)
-    if spare_uavs and spare_uavs != spare_uavs_note(base.network):
+    spare_uavs = spare_uavs_note(config)
+    if spare_uavs and spare_uavs != spare_uavs_note(base):
         yield spare_uavs
     if keys := reward_differences([flatten(base), flatten(config)]):
         yield (

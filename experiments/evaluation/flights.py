@@ -13,8 +13,9 @@ from orchid_uav.agents.controllers.planner import Planner
 from orchid_uav.envs.diagnostics import Diagnostics
 from orchid_uav.envs.parameters import Distribution, NetworkParameters, Parameters
 from orchid_uav.envs.seeds import evaluation_seeds
+from orchid_uav.envs.starts.topologies import Topologies
 from orchid_uav.envs.threads import usable_cores
-from orchid_uav.envs.world import Topologies, WorldBatch
+from orchid_uav.envs.world import WorldBatch
 from orchid_uav.experiments.configuration import LEARNING_SECTIONS, SETTING_KEYS, RunConfig, flatten
 from orchid_uav.experiments.errors import InputError, RunFailedError
 from orchid_uav.experiments.evaluation.methods import METHOD_KEYS, Contender, Policy

@@ -33,7 +33,7 @@ def configuration_page() -> str:
         "# Configuration",
         "",
         "Every key with its default, unit, range and meaning; the defaults are the paper's (preset",
-        "`paper`). M1 … M42 are the [decisions](model.md#decisions) on what the paper leaves open.",
+        "`paper`). M1 … M45 are the [decisions](model.md#decisions) on what the paper leaves open.",
         "Ranges include both ends; `3 × 0..10` are three numbers, each within 0..10. They are wide",
         "on purpose: a run with any values within them is flown with finite numbers.",
         "",

@@ -30,7 +30,7 @@ from orchid_uav.envs.metrics import (
     RATE_JFI,
 )
 from orchid_uav.envs.propulsion import circling_speed_mps
-from orchid_uav.envs.world import Topologies
+from orchid_uav.envs.starts.topologies import Topologies
 
 WALKING = {"network.user_speed_mps": 15.0, "network.heading_hold_s": 20.0}
 CIRCLE_SLOTS = 20
@@ -148,7 +148,7 @@ class TestTopologies:
         users_m = topologies.users_m - 1000.0
         distances_m = np.sqrt((users_m**2).sum(axis=-1) + 30.0**2)
         reference_db = 20.0 * math.log10(4.0 * math.pi * 2.4e9 / 299_792_458.0)
-        loss_db = reference_db + 35.0 * np.log10(distances_m) + topologies.shadowing_db
+        loss_db = reference_db + 35.0 * np.log10(distances_m) + topologies.shadowing_db[:, 0]
         snr = 10.0 ** (-loss_db / 10.0) / (10.0 ** (-17.4 - 3.0) * 10e6)  # 1 W, 10 MHz
         served = ~topologies.target_users & (snr >= 10.0**0.6)
         rates_bps = 10e6 * np.log2(1.0 + snr) / served.sum(axis=1, keepdims=True)

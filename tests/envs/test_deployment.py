@@ -161,7 +161,7 @@ class TestDeploy:
 
     def test_no_room(self):
         with pytest.raises(ValueError, match="no room for 50 UAVs"):
-            random_start(50, 100.0, 90.0, np.random.default_rng(0))
+            random_start(50, (100.0, 120.0), 90.0, np.random.default_rng(0))
 
     def test_sensing_error_moves_the_start_but_not_the_users(self):
         exact, blurred = Parameters(), Parameters().with_overrides({"sensing_error_std_m": 150.0})
@@ -178,16 +178,16 @@ class TestUsers:
     def test_thomas_process_has_the_spread_and_the_hotspots_it_was_asked_for(self):
         generator = np.random.default_rng(0)
         # One parent far from the borders: a Gaussian cloud of 150 m.
-        users = thomas_cluster_process(20_000, 1, 150.0, 1e6, generator)
+        users = thomas_cluster_process(20_000, 1, 150.0, (1e6, 1e6), generator)
         np.testing.assert_allclose(users.std(axis=0), 150.0, rtol=0.03)
         for axis in range(2):
             standard = (users[:, axis] - users[:, axis].mean()) / users[:, axis].std()
             assert stats.kstest(standard, "norm").pvalue > 1e-3
-        apart = thomas_cluster_process(5000, 5, 0.0, 2000.0, generator)
+        apart = thomas_cluster_process(5000, 5, 0.0, (2000.0, 900.0), generator)
         assert len(np.unique(apart, axis=0)) == 5
 
     def test_each_parent_is_as_likely_as_any_other(self):
-        users = thomas_cluster_process(50_000, 5, 0.0, 2000.0, np.random.default_rng(3))
+        users = thomas_cluster_process(50_000, 5, 0.0, (2000.0, 2000.0), np.random.default_rng(3))
         counts = np.unique(users, axis=0, return_counts=True)[1]
         assert stats.chisquare(counts).pvalue > 1e-3
 

@@ -46,6 +46,7 @@ SNAPSHOT = {
     "association": (20,),
     "rates_bps": (20,),
     "gbs_position_m": (3,),
+    "gbs_positions_m": (1, 3),
 }
 
 

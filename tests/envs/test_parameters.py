@@ -29,7 +29,7 @@ def test_defaults_are_table_i():
     assert (network.area_m, network.user_count, network.uav_count) == (2000, 100, 6)
     assert (network.scatter_std_m, network.hotspot_count) == (150, 5)
     assert (network.slot_s, network.episode_slots) == (1, 200)
-    assert parameters.gbs_position_m == (1000, 1000, 30)
+    assert parameters.gbs_positions_m == ((1000, 1000, 30),)
     assert (uav.initial_altitude_m, uav.min_altitude_m, uav.max_altitude_m) == (100, 80, 120)
     assert (uav.max_speed_mps, uav.min_separation_m) == (15, 5)
     assert (uav.min_transmit_power_w, uav.max_transmit_power_w) == (0.1, 0.2)
@@ -111,7 +111,13 @@ def values_within(key: str, text: str) -> st.SearchStrategy[Any]:
     if key == "network.failures":
         slots = st.tuples(st.integers(0, 2), st.integers(0, 3), st.integers(4, 9))
         return st.lists(slots.map(lambda one: f"{one[0]}@{one[1]}-{one[2]}"), max_size=3)
-    text, _, optional = text.partition(" or ")
+    if key == "gbs.positions_m":
+        place_m = st.sampled_from([-1e6, 0.0, 1e6]) | st.floats(-1e6, 1e6)
+        height_m = st.sampled_from([0.01, 1e5]) | st.floats(0.01, 1e5)
+        mast = st.tuples(place_m, place_m) | st.tuples(place_m, place_m, height_m)
+        return st.just("middle") | st.lists(mast, max_size=3)
+    if " or " in text:
+        return st.one_of(*(values_within(key, one) for one in text.split(" or ")))
     count, _, inner = text.rpartition(" × ")
     if count:
         one = values_within(key, inner)
@@ -119,7 +125,7 @@ def values_within(key: str, text: str) -> st.SearchStrategy[Any]:
     least_text, dots, greatest_text = text.partition("..")
     if not dots:
         words = [True, False] if text == "true, false" else text.split(", ")
-        found: st.SearchStrategy[Any] = st.sampled_from(words)
+        found: st.SearchStrategy[Any] = st.none() if text == "none" else st.sampled_from(words)
     elif type(default_of(key)) is int:
         least, greatest = int(least_text), int(greatest_text)
         greatest = FEW.get(key, greatest)
@@ -130,7 +136,7 @@ def values_within(key: str, text: str) -> st.SearchStrategy[Any]:
         if low > 0.0:  # as likely near one end as near the other
             exponents = st.floats(math.log(low), math.log(high))
             found |= exponents.map(lambda power: min(max(math.exp(power), low), high))
-    return found | st.none() if optional else found
+    return found
 
 
 def default_of(key: str) -> Any:
@@ -158,8 +164,9 @@ class TestExtremes:
             values |= dict(zip(names, present, strict=True))
         losses = ["channel.excess_loss_los_db", "channel.excess_loss_nlos_db"]
         values |= dict(zip(losses, sorted(values[loss] for loss in losses), strict=True))
+        masts = 1 if values["gbs.positions_m"] == "middle" else len(values["gbs.positions_m"])
         values["network.user_count"] = max(
-            values["network.user_count"], values["network.uav_count"] + 1
+            values["network.user_count"], values["network.uav_count"] + masts
         )
         self.fly(values)
 

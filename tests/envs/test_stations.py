@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from orchid_uav.envs import Parameters, WorldBatch, parallel_env
@@ -169,37 +169,64 @@ class TestChord:
 
 class TestSpreading:
     @settings(max_examples=60, deadline=None)
-    @given(st.integers(1, 40), st.integers(0, 2**32 - 1), st.sampled_from([1.0, 50.0, 400.0]))
-    def test_places_are_apart_and_inside_or_it_is_told(self, count, seed, spread_m):
+    @given(
+        st.integers(1, 40),
+        st.integers(0, 2**32 - 1),
+        st.sampled_from([1.0, 50.0, 400.0]),
+        st.sampled_from([(900.0, 900.0), (1700.0, 400.0), (100.0, 5000.0)]),
+    )
+    def test_places_are_apart_and_inside_or_it_is_told(self, count, seed, spread_m, high_m):
         wanted_m = np.random.default_rng(seed).normal(500.0, spread_m, (count, 2))
-        if greatest_spacing_m(count, 150.0, 800.0) < 150.0:
+        low_m = (100.0, 100.0)
+        sides_m = (high_m[0] - 100.0, high_m[1] - 100.0)
+        if greatest_spacing_m(count, 150.0, sides_m) < 150.0:
             with pytest.raises(ValueError, match="no room for"):
-                spread_out(wanted_m, 150.0, 100.0, 900.0)
+                spread_out(wanted_m, 150.0, low_m, high_m)
             return
-        places_m = spread_out(wanted_m, 150.0, 100.0, 900.0)
+        places_m = spread_out(wanted_m, 150.0, low_m, high_m)
         assert distances_m(places_m).min() >= 150.0
-        assert (places_m >= 100.0).all()
-        assert (places_m <= 900.0).all()
+        assert (places_m >= low_m).all()
+        assert (places_m <= high_m).all()
 
     def test_what_is_far_enough_apart_stays(self):
-        wanted_m = hexagonal_grid(100.0, 0.0, 500.0)
-        assert (spread_out(wanted_m, 99.0, 0.0, 500.0) == wanted_m).all()
+        corners_m = (0.0, 0.0), (500.0, 300.0)
+        wanted_m = hexagonal_grid(100.0, *corners_m)
+        assert (spread_out(wanted_m, 99.0, *corners_m) == wanted_m).all()
 
     def test_a_grid_by_hand(self):
         height_m = 100.0 * 0.75**0.5
-        grid_m = hexagonal_grid(100.0, 0.0, 120.0)
+        grid_m = hexagonal_grid(100.0, (0.0, 0.0), (120.0, 120.0))
         np.testing.assert_allclose(grid_m, [(0, 0), (100, 0), (50, height_m)])
+        row_m = hexagonal_grid(100.0, (0.0, 7.0), (320.0, 7.0))
+        np.testing.assert_allclose(row_m, [(0, 7), (100, 7), (200, 7), (300, 7)])
 
-    @pytest.mark.parametrize(("stations", "side_m"), [(9, 170.0), (2, 20.0), (500, 1920.0)])
-    def test_where_there_is_no_room_the_spacing_is_the_greatest_of_a_grid(self, stations, side_m):
-        found_m = greatest_spacing_m(stations, 500.0, side_m)
+    @pytest.mark.parametrize(
+        ("stations", "sides_m"),
+        [
+            (9, (170.0, 170.0)),
+            (2, (20.0, 20.0)),
+            (500, (1920.0, 1920.0)),
+            (500, (9000.0, 400.0)),
+            (9, (0.0, 700.0)),
+        ],
+    )
+    def test_where_there_is_no_room_the_spacing_is_the_greatest_of_a_grid(self, stations, sides_m):
+        found_m = greatest_spacing_m(stations, 500.0, sides_m)
         assert 0.0 < found_m < 500.0
-        places_m = spread_out(np.full((stations, 2), 0.5 * side_m), found_m, 0.0, side_m)
+        wanted_m = np.tile(0.5 * np.array(sides_m), (stations, 1))
+        places_m = spread_out(wanted_m, found_m, (0.0, 0.0), sides_m)
         assert distances_m(places_m).min() >= found_m
-        assert len(hexagonal_grid(1.01 * found_m, 0.0, side_m)) < stations
+        assert len(hexagonal_grid(1.01 * found_m, (0.0, 0.0), sides_m)) < stations
+
+    @given(st.floats(0.0, 5000.0), st.floats(0.0, 5000.0), st.floats(1.0, 200.0))
+    def test_where_no_grid_is_looked_at_a_thousand_have_room(self, east_m, north_m, spacing_m):
+        assume(max(east_m, north_m, east_m * north_m / spacing_m) < 1e5)
+        if greatest_spacing_m(1000, spacing_m, (east_m, north_m)) == spacing_m:
+            grid_m = hexagonal_grid(spacing_m * (1.0 + 1e-9), (0.0, 0.0), (east_m, north_m))
+            assert len(grid_m) >= 1000
 
     def test_all_of_a_point_is_no_room(self):
-        assert greatest_spacing_m(3, 90.0, 0.0) == pytest.approx(0.0, abs=1e-6)
+        assert greatest_spacing_m(3, 90.0, (0.0, 0.0)) == pytest.approx(0.0, abs=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -27,6 +27,13 @@ CASES = {
     "one UAV": {"network.uav_count": 1, "network.user_count": 5},
     "ten UAVs": {"network.uav_count": 10, "network.total_bandwidth_hz": 60e6},
     "half-second slots": {"network.slot_s": 0.5, "network.user_speed_mps": 5.0},
+    "a rectangle": {"network.area_m": (900.0, 300.0), "network.user_speed_mps": 15.0},
+    "no mast": {"gbs.positions_m": [], "network.area_m": (800.0, 1500.0)},
+    "three masts": {
+        "gbs.positions_m": [[0.0, 0.0], [2500.0, 300.0, 12.0], [900.0, 1400.0]],
+        "network.area_m": (3000.0, 1400.0),
+        "channel.backhaul_required_snr_db": 40.0,
+    },
 }
 
 
@@ -34,11 +41,13 @@ def setting_of(parameters: Parameters) -> independent.Setting:
     network, uav, rotor = parameters.network, parameters.uav, parameters.rotor
     radio, reward = parameters.channel, parameters.reward
     return independent.Setting(
-        area_m=network.area_m,
+        area_m=network.area_size_m,
         slot_s=network.slot_s,
         min_separation_m=uav.min_separation_m,
         required_snr_db=radio.required_snr_db,
         bandwidth_hz=parameters.bandwidth_hz,
+        masts_m=parameters.gbs_positions_m,
+        backhaul_threshold_db=radio.backhaul_required_snr_db,
         gbs_power_dbm=parameters.gbs.transmit_power_dbm,
         objective=reward.objective,
         shares=parameters.share_rule,
@@ -287,7 +296,7 @@ class TestUsers:
     @pytest.mark.parametrize(
         ("positions", "message"),
         [
-            ([[1.0, 2.0]] * 6, "6 user positions for 6 UAVs: at least 7"),
+            ([[1.0, 2.0]] * 6, "6 user positions for 6 UAVs and 1 masts: at least 7"),
             ([[1.0, float("nan")]] * 9, r"user 0 is at \(1, nan\)"),
             ([[1.0, 2.0]] * 8 + [[1.0, 2001.0]], r"user 8 is at \(1, 2001\)"),
             ([1.0, 2.0], r"shape \(2,\)"),
@@ -383,7 +392,7 @@ class TestOutOfTheOrdinary:
         )
         world = WorldBatch(parameters, seed=0)
         world.reset()
-        world.arrays.positions_m[0, 0] = parameters.gbs_position_m
+        world.arrays.positions_m[0, 0] = parameters.gbs_positions_m[0]
         world.step(np.zeros((1, 6, 4)))
         assert all(np.isfinite(array).all() for array in world.arrays)
 
@@ -452,6 +461,7 @@ class TestSnapshot:
         assert snapshot["slot"] == 0
         assert snapshot["users_m"].shape == (100, 2)
         assert snapshot["gbs_position_m"].tolist() == [1000.0, 1000.0, 30.0]
+        assert snapshot["gbs_positions_m"].tolist() == [[1000.0, 1000.0, 30.0]]
         assert (snapshot["association"][~snapshot["target_users"]] == -1).all()
         snapshot["uav_positions_m"][:] = 0.0
         assert (world.arrays.positions_m > 0).all()
@@ -507,6 +517,7 @@ def test_every_parameter_of_the_network_acts():
         "channel.backhaul_required_snr_db": 48.0,
         "network.failures": ["0@5"],
         "uav.flight": "station",
+        "gbs.positions_m": [[100.0, 50.0]],
     }
     crowded = {"network.area_m": 2000.0, "network.sensing_error_std_m": 300.0}
     base = {

@@ -14,7 +14,7 @@ import pytest
 
 from orchid_uav.envs.arrays import Constants
 from orchid_uav.envs.keys import Section, unit_of, values_of
-from orchid_uav.envs.parameters import NetworkParameters
+from orchid_uav.envs.parameters import Parameters
 from orchid_uav.experiments import presets
 from orchid_uav.experiments.configuration import (
     FLAGS,
@@ -444,7 +444,7 @@ class TestWrongValues:
     )
     def test_users_that_do_not_suffice_for_the_clusters(self, orchid, arguments):
         finished = orchid("config", "show", *arguments)
-        assert_is_an_error(finished, "user_count", "uav_count + 1", *(a[:6] for a in arguments))
+        assert_is_an_error(finished, "user_count", "uav_count", "masts", *(a[:6] for a in arguments))
 
     def test_one_user_more_than_uavs_suffices(self, orchid):
         assert orchid("config", "show", "--users=7").code == 0
@@ -584,14 +584,16 @@ class TestWrongFiles:
         ({"hotspot_count": 6}, "6 places at most, fewer than the 7 clusters of Phase I: 1 or more"),
         ({"hotspot_count": 2, "uav_count": 4}, "2 places at most, .*: 3 or more of the 4 UAVs"),
         ({"hotspot_count": 1}, "all users stand at one place"),
+        ({"hotspot_count": 1, "positions_m": []}, "1 places at most, fewer than the 6 clusters"),
+        ({"hotspot_count": 7, "positions_m": [[0, 0]] * 2}, "fewer than the 8 clusters"),
+        ({"hotspot_count": 2, "positions_m": [[0, 0]] * 2}, "2 places at most, which Phase I"),
         ({"hotspot_count": 2, "distribution": "uniform"}, None),
         ({"hotspot_count": 2, "scatter_std_m": 1.0}, None),
         ({"hotspot_count": 2, "sensing_error_std_m": 1.0}, None),
     ],
 )
 def test_tells_of_uavs_to_spare_where_they_are_certain(changes, text):
-    network = NetworkParameters(**{"scatter_std_m": 0.0, **changes})
-    note = spare_uavs_note(network)
+    note = spare_uavs_note(Parameters().with_overrides({"scatter_std_m": 0.0, **changes}))
     assert note is None if text is None else re.search(text, note)
 
 

@@ -1,8 +1,9 @@
 """One time slot of the UAV network, written a second time: slow, literal and independent.
 
 It is derived only from the paper (Sections III, IV-C and V, Table I, Evaluation Metrics) and the
-project's decisions M1 to M33. It must not share code with the simulator: the tests compare the two,
-so that a misreading in either shows as a difference. It uses pure Python, nested loops and `math`.
+project's decisions M1 to M33, M44 and M45. It must not share code with the simulator: the tests
+compare the two, so that a misreading in either shows as a difference. It uses pure Python, nested
+loops and `math`.
 """
 
 import math
@@ -21,7 +22,7 @@ Pair = tuple[float, float]
 class Setting:
     """Table I and the decisions; a pair (start, end) is linear in the training progress."""
 
-    area_m: float = 2000.0
+    area_m: Pair = (2000.0, 2000.0)  # M44: east, north
     slot_s: float = 1.0
 
     altitude_min_m: float = 80.0
@@ -53,8 +54,10 @@ class Setting:
     bandwidth_hz: float = 10e6  # M2: per UAV
     required_snr_db: float = 6.0
 
-    gbs_altitude_m: float = 30.0
+    masts_m: tuple[Vector, ...] = ((1000.0, 1000.0, 30.0),)  # M45: q_0 = [D/2, D/2, H_GBS]
     gbs_power_dbm: float = 30.0
+    gbs_path_loss_exponent: float = 3.5  # M4
+    gbs_bandwidth_hz: float = 10e6  # M4: of each mast
     backhaul_bandwidth_hz: float = 20e6
     backhaul_threshold_db: float = 10.0
 
@@ -151,11 +154,6 @@ def scheduled(pair: Pair, progress: float) -> float:
     return pair[0] + (pair[1] - pair[0]) * tau
 
 
-def gbs_position_m(setting: Setting) -> Vector:
-    """q_0 = [D/2, D/2, H_GBS]."""
-    return (setting.area_m / 2, setting.area_m / 2, setting.gbs_altitude_m)
-
-
 def line_of_sight_probability(setting: Setting, elevation_deg: float) -> float:
     """Pr_LoS, the sigmoid of the elevation angle in degrees (III-C.1)."""
     a = setting.s_curve_a
@@ -196,12 +194,58 @@ def access_snr(setting: Setting, uav_m: Vector, power_w: float, user_m: Point) -
 
 
 def backhaul_snr(setting: Setting, uav_m: Vector) -> float:
-    """gamma_n^BH, a ratio, by free-space propagation (III-C.3)."""
+    """gamma_n^BH of the best mast, a ratio, by free-space propagation (III-C.3, M45).
+
+    Without masts, what lies above the threshold as far as the observation's scale reaches.
+    """
     gain = decibel_to_ratio(setting.antenna_gain_dbi)
-    d = distance(uav_m, gbs_position_m(setting))
     noise_w = dbm_to_watt(setting.noise_density_dbm_per_hz) * setting.backhaul_bandwidth_hz
     numerator = dbm_to_watt(setting.gbs_power_dbm) * gain * gain * SPEED_OF_LIGHT_MPS**2
-    return numerator / ((4 * math.pi * setting.carrier_hz * d) ** 2 * noise_w)
+    if not setting.masts_m:
+        return decibel_to_ratio(
+            setting.backhaul_threshold_db + setting.backhaul_observation_scale_db
+        )
+    best = 0.0
+    for mast_m in setting.masts_m:
+        d = distance(uav_m, mast_m)
+        best = max(best, numerator / ((4 * math.pi * setting.carrier_hz * d) ** 2 * noise_w))
+    return best
+
+
+def mast_rates_bps(
+    setting: Setting,
+    users_m: list[Point],
+    target_users: list[bool],
+    shadowing_db: list[list[float]],
+) -> tuple[list[float], list[int]]:
+    """Rates of the users that are no targets, 0 for others, and the mast of each (III-C.2, M45).
+
+    The mast is -1 where none reaches the SNR; a mast's band is shared equally by its users (M4).
+    ``shadowing_db`` holds a list for each mast.
+    """
+    noise_w = dbm_to_watt(setting.noise_density_dbm_per_hz) * setting.gbs_bandwidth_hz
+    servers, snrs = [], []
+    for m in range(len(users_m)):
+        best, best_snr = NOT_SERVED, 0.0
+        for g in range(len(setting.masts_m)):
+            d = distance(setting.masts_m[g], (users_m[m][0], users_m[m][1], 0.0))
+            loss_db = (
+                20 * math.log10(4 * math.pi * setting.carrier_hz / SPEED_OF_LIGHT_MPS)
+                + 10 * setting.gbs_path_loss_exponent * math.log10(d)
+                + shadowing_db[g][m]
+            )
+            snr = dbm_to_watt(setting.gbs_power_dbm) * 10 ** (-loss_db / 10) / noise_w
+            if snr > best_snr:
+                best, best_snr = g, snr
+        is_served = not target_users[m] and best_snr >= decibel_to_ratio(setting.required_snr_db)
+        servers.append(best if is_served else NOT_SERVED)
+        snrs.append(best_snr)
+    rates = [0.0 for _ in users_m]
+    for m in range(len(users_m)):
+        if servers[m] != NOT_SERVED:
+            members = sum(1 for server in servers if server == servers[m])
+            rates[m] = setting.gbs_bandwidth_hz / members * math.log2(1 + snrs[m])
+    return rates, servers
 
 
 def level_propulsion_power_w(setting: Setting, speed_mps: float) -> float:
@@ -288,7 +332,7 @@ def move(setting: Setting, position_m: Vector, action: tuple[float, ...]) -> tup
         for axis in range(3):
             wanted_step[axis] = wanted_step[axis] * longest / length
     lows = (0.0, 0.0, setting.altitude_min_m)
-    highs = (setting.area_m, setting.area_m, setting.altitude_max_m)
+    highs = (setting.area_m[0], setting.area_m[1], setting.altitude_max_m)
     outside = False
     reached = []
     for axis in range(3):
@@ -419,8 +463,8 @@ def histogram(setting: Setting, users_m: list[Point]) -> list[float]:
     cells = setting.histogram_cells
     counts = [0.0 for _ in range(cells * cells)]
     for user in users_m:
-        column = int(clip(math.floor(cells * user[0] / setting.area_m), 0, cells - 1))
-        row = int(clip(math.floor(cells * user[1] / setting.area_m), 0, cells - 1))
+        column = int(clip(math.floor(cells * user[0] / setting.area_m[0]), 0, cells - 1))
+        row = int(clip(math.floor(cells * user[1] / setting.area_m[1]), 0, cells - 1))
         counts[column * cells + row] += 1
     return [count / len(users_m) for count in counts]
 
@@ -436,23 +480,23 @@ def observe(
 ) -> list[float]:
     """o_n of IV-C.1 on the scales of M17 and M18: 16 numbers."""
     x, y, z = uav_m
-    side = setting.area_m
+    east, north = setting.area_m
     low = setting.altitude_min_m
     high = setting.altitude_max_m
     height = fraction_of_range(z, low, high)
     room_above = fraction_of_range(high - z, 0.0, high - low)
     margin_db = 10 * math.log10(backhaul_snr(setting, uav_m)) - setting.backhaul_threshold_db
     return [
-        x / side,
-        y / side,
+        x / east,
+        y / north,
         height,
         fraction_of_range(power_w, setting.power_min_w, setting.power_max_w),
-        nearest_user_m(uav_m, users_m) / side,
+        nearest_user_m(uav_m, users_m) / max(east, north),  # M44
         load / len(users_m),
-        x / side,
-        (side - x) / side,
-        y / side,
-        (side - y) / side,
+        x / east,
+        (east - x) / east,
+        y / north,
+        (north - y) / north,
         height,
         room_above,
         violation_slots[0] / slots,

@@ -26,6 +26,8 @@ SETTINGS = {
     "short-slots": {"slot_s": 0.5, "user_speed_mps": 5.0},
     "one-uav": {"uav_count": 1, "user_count": 20},
     "two-uavs": {"uav_count": 2, "user_count": 3, "init": "random"},
+    "rectangle": {"area_m": (400.0, 1900.0), "user_speed_mps": 60.0},
+    "two-masts": {"gbs.positions_m": [[0.0, 500.0], [1500.0, -700.0, 20.0]]},
 }
 
 
