@@ -39,6 +39,7 @@ DEFAULT_S = 2.5
 CMA_S = 5.0
 LARGE = (25, 100)
 """Numbers of drones of larger sites, with a hundred people each."""
+_LARGEST_STEP = 0.4
 _OUTSIDE = -1.0
 """Utility of plans with drones too near to each other, for CMA-ES."""
 
@@ -90,8 +91,12 @@ def course(fleet: Fleet, region: Region, times_s: tuple[float, ...]) -> dict[str
     return found | {f"{times_s[-1]:g}": last.utility, "evaluations": last.evaluations}
 
 
-def evolved(fleet: Fleet, region: Region, seconds: float) -> float:
-    """The best utility that CMA-ES finds from the same clusterings, over all coordinates."""
+def evolved(fleet: Fleet, region: Region, seconds: float, prices_distance: bool = False) -> float:
+    """The best utility that CMA-ES finds from the same clusterings, over all coordinates.
+
+    Plans whose drones are too near to each other are refused. With many drones nearly all plans
+    that it draws are, so there the distance can be priced instead.
+    """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         import cma
@@ -115,6 +120,9 @@ def evolved(fleet: Fleet, region: Region, seconds: float) -> float:
         plan = plan_of(point)
         apart_m = np.linalg.norm(plan[:, None, :2] - plan[None, :, :2], axis=2)
         np.fill_diagonal(apart_m, np.inf)
+        if prices_distance:
+            lacking = np.maximum(region.spacing_m - apart_m, 0.0) / region.spacing_m
+            return float(lacking.sum()) - fleet.utility(plan)
         return -_OUTSIDE if apart_m.min() < region.spacing_m else -fleet.utility(plan)
 
     point, step = ((start - low) / (high - low)).ravel(), 0.05
@@ -127,7 +135,9 @@ def evolved(fleet: Fleet, region: Region, seconds: float) -> float:
             losses = [loss(one) for one in points]
             strategy.tell(points, losses)
             best = max(best, -min(losses))
-        step *= 2.0  # where it has stopped, it begins again with larger steps
+        step = min(
+            2.0 * step, _LARGEST_STEP
+        )  # where it has stopped, it begins again with larger steps
     return best
 
 
@@ -166,7 +176,7 @@ def measure_large(drones: int) -> dict[str, Any]:
     return {
         "positions": len(fleet.people.weights),
         "search": course(fleet, region, times_s),
-        "cma": evolved(fleet, region, times_s[-1]),
+        "cma": evolved(fleet, region, times_s[-1], prices_distance=True),
     }
 
 

@@ -238,12 +238,17 @@ def files_of(planned: Planned, firmware: Firmware) -> Iterator[tuple[str, bytes]
     plan = planned.mapped
     yield PLAN_FILE, json_bytes(plan.document.to_json())
     yield REPORT_FILE, report_html(plan).encode()
-    if plan.surroundings.site.center is None:
+    if planned.fence is None:
         return
     yield "stations.geojson", json_bytes(stations_geojson(plan))
     yield "people.geojson", json_bytes(people_geojson(plan))
     yield "plan.kml", plan_kml(plan)
     yield "fence.geojson", json_bytes(fence_geojson(plan.surroundings))
     yield from mission_files(
-        plan.surroundings, plan.stations, planned.transit, planned.stay_s, firmware
+        plan.surroundings,
+        plan.stations,
+        planned.transit,
+        planned.fence,
+        planned.stay_s,
+        firmware,
     )

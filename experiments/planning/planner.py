@@ -24,6 +24,7 @@ from orchid_uav.experiments.planning.judging.robustness import check_robustness
 from orchid_uav.experiments.planning.judging.served import count_served
 from orchid_uav.experiments.planning.maps.drawing import MappedPlan
 from orchid_uav.experiments.planning.missions import ardupilot, px4
+from orchid_uav.experiments.planning.missions.fence import Fence, fence_of
 from orchid_uav.experiments.planning.missions.transit import Transit, plan_transit
 from orchid_uav.experiments.planning.model import (
     Budget,
@@ -57,6 +58,10 @@ _BESIDE_OTHERS = 4000
 _PROBE_EVALUATIONS = 3000
 """Plans judged for each number of drones that ``auto`` tries."""
 PLANNER, BALANCED = "planner", "balanced"
+_TIMING = (
+    "Start each drone at its time, and clear the place for the next: ways keep drones apart by "
+    "altitude and by time, and missions count circles for an air without wind."
+)
 Firmware = Literal["px4", "ardupilot", "both"]
 """For which autopilots a plan is."""
 
@@ -97,6 +102,8 @@ class Planned:
 
     mapped: MappedPlan
     transit: Transit
+    fence: Fence | None
+    """None for a site without a place on earth."""
     stay_s: tuple[float, ...]
     """Time on station of each drone."""
 
@@ -129,6 +136,10 @@ def make_plan(task: Task, command: list[str], telling: Telling) -> Planned:
     cruise_mps = parameters.uav.max_speed_mps
     transit = plan_transit(task.surroundings, stations, cruise_mps)
     ways = [Way(way.level_s, way.vertical_s) for way in transit.ways]
+    fence = None
+    if task.surroundings.site.center is not None:
+        fence = fence_of(task.surroundings, transit)
+        notes += [_TIMING, *([fence.note] if fence.note else [])]
     battery = Battery(settings.battery_wh, settings.reserve)
     stay_s = tuple(
         endurance_s(parameters, station, battery, way, cruise_mps)
@@ -175,7 +186,7 @@ def make_plan(task: Task, command: list[str], telling: Telling) -> Planned:
         want=settings.want,
         ways_m=[way.outbound_m for way in transit.ways],
     )
-    return Planned(mapped, transit, stay_s)
+    return Planned(mapped, transit, fence, stay_s)
 
 
 class _Maker:

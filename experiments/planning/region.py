@@ -16,9 +16,9 @@ from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.planning.model import Floats, Mast, Surroundings
 
 _QUARTER_SEGMENTS = 16
-"""Of the corners of buffers; a circle that is bought off by a polygon is inside it by 0.5 %."""
-_ROOM_FOR_ERRORS_M = 0.05
-"""Kept from every border, more than what rounding in any file moves a station."""
+"""Of the corners of buffers."""
+ROOM_FOR_ERRORS_M = 5.0
+"""Kept from every border: what a drone's position may be wrong by before it trips the fence."""
 _FARTHEST_M = 1e6
 
 
@@ -57,15 +57,15 @@ def region_of(surroundings: Surroundings, circle_radius_m: float, parameters: Pa
     Raises:
         InputError: that is nowhere.
     """
-    margin_m = circle_radius_m + _ROOM_FOR_ERRORS_M
-    inside = surroundings.area.buffer(-margin_m, _QUARTER_SEGMENTS)
+    margin_m = circle_radius_m + ROOM_FOR_ERRORS_M
+    # A round corner of a buffer's polygon lies inside the true one by up to this factor.
+    outwards_m = margin_m / math.cos(math.pi / (4 * _QUARTER_SEGMENTS))
+    inside = surroundings.area.buffer(-outwards_m, _QUARTER_SEGMENTS)
     if inside.is_empty:
         raise InputError(
             f"the area has no room for circles of {circle_radius_m:g} m radius; a larger --area, "
             "or --hover for drones that stand still in the air"
         )
-    # A buffer's polygon lies inside the true one by up to this factor.
-    outwards_m = margin_m / math.cos(math.pi / (4 * _QUARTER_SEGMENTS))
     allowed = inside.difference(surroundings.no_fly.buffer(outwards_m, _QUARTER_SEGMENTS))
     if allowed.is_empty:
         raise InputError(

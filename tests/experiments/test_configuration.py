@@ -444,7 +444,9 @@ class TestWrongValues:
     )
     def test_users_that_do_not_suffice_for_the_clusters(self, orchid, arguments):
         finished = orchid("config", "show", *arguments)
-        assert_is_an_error(finished, "user_count", "uav_count", "masts", *(a[:6] for a in arguments))
+        assert_is_an_error(
+            finished, "user_count", "uav_count", "masts", *(a[:6] for a in arguments)
+        )
 
     def test_one_user_more_than_uavs_suffices(self, orchid):
         assert orchid("config", "show", "--users=7").code == 0

@@ -29,7 +29,7 @@ _BEND_M = 0.03
 """Straight edges of the site's plane are straight in degrees as well up to this distance."""
 _EARTH_RADIUS_M = 6.371e6
 _TOLERANCES_M = (0.0, *(0.1 * 2.0**step for step in range(10)))
-_COARSEST_ZONES_M = 3.2
+_COARSEST_ZONES_M = 6.4
 """Coarser ones could vanish; from here on, those farther from ways are left out instead."""
 _CORNERS_FOR_ZONES = 16
 _WIDER = 4.0

@@ -30,7 +30,7 @@ class TestRegion:
         try:
             region = region_of(surroundings, 40.0, PARAMETERS)
         except InputError:
-            assert zone.buffer(45.0).area > 0.5 * surroundings.area.area
+            assert zone.buffer(50.0).area > 0.5 * surroundings.area.area
             return
         generator = np.random.default_rng(seed)
         for point_m in generator.uniform(-500.0, 2500.0, (20, 2)):
@@ -41,8 +41,8 @@ class TestRegion:
 
     def test_hardly_more_is_forbidden_than_has_to_be(self):
         region = region_of(surroundings_of(no_fly=box(900, 900, 1100, 1100)), 40.0, PARAMETERS)
-        assert region.allowed.bounds == pytest.approx((40, 40, 1960, 1960), abs=0.1)
-        assert region.contains(np.array([[859.0, 1000.0], [861.0, 1000.0]])).tolist() == [
+        assert region.allowed.bounds == pytest.approx((45, 45, 1955, 1955), abs=0.1)
+        assert region.contains(np.array([[854.0, 1000.0], [856.0, 1000.0]])).tolist() == [
             True,
             False,
         ]
@@ -67,7 +67,7 @@ class TestRegion:
         center_m = region.nearest(np.array([2000.0, 1000.0]))
         far_m = math.hypot(center_m[0] + 40.0 + 10_000.0, center_m[1] - 1000.0)
         snr_db = backhaul_snr_db(PARAMETERS, math.hypot(far_m, 120.0 - 30.0))
-        assert 10.0 <= snr_db < 10.02
+        assert 10.0 <= snr_db < 10.03
 
 
 class TestSettled:
