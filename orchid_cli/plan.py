@@ -160,7 +160,7 @@ def plan(
     perhaps people: how many a row stands for. report.html says who is served how well, how sure
     that is, and how many drones it takes.
 
-    Example: orchid plan people.csv --drones 6 --mast 17.2964,-62.7243 --no-fly airport.geojson
+    Example: orchid plan people.csv --drones 6 --mast 17.2964,-62.7243
     """
     with failing_well(debug):
         show_on_stderr(with_notes=not quiet)

@@ -9,8 +9,8 @@ import tempfile
 from pathlib import Path
 
 from orchid_uav.cli.main import main as orchid
-from orchid_uav.storage.files import read_document
-from studies.recording import RESULTS, ROOT, add_allow_changes, record, require_commit, write_result
+from orchid_uav.storage.files import read_document, write_json
+from studies.recording import RESULTS, ROOT, add_allow_changes, record, require_commit
 
 NAME = "plan_example"
 COMMAND = (
@@ -49,7 +49,7 @@ def main() -> None:
     document["command"] = shlex.split(COMMAND)
     PICTURE.write_text(map_of(report), encoding="utf-8")
     settings = {"budget": EVALUATIONS, "example": COMMAND}
-    write_result(path, record(settings, plan=document), ('{"id"', '{"drone"', '{"drones"'))
+    write_json(path, record(settings, plan=document))  # places need all of their digits
 
 
 if __name__ == "__main__":

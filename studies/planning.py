@@ -172,6 +172,7 @@ def measure_small(number: int) -> dict[str, Any]:
 def measure_large(drones: int) -> dict[str, Any]:
     """A large site: the course of the search, and CMA-ES in the longest of its times."""
     fleet, region = site_of(200, drones, 100 * drones)
+    search(fleet, region, Budget(evaluations=50), 0)  # compiles
     times_s = (2.5, 5.0, 20.0, 100.0)
     return {
         "positions": len(fleet.people.weights),

@@ -58,6 +58,6 @@ Masts = Annotated[
     _BY_KIND,
     BeforeValidator(_are_masts),
     AfterValidator(_are_near),
-    Form("middle or [[east, north(, height)], …]"),
+    Form("middle or [[east, north(, height)], ...]"),
 ]
 """Places of masts in m, in the area or beyond it."""

@@ -95,7 +95,8 @@ def _has_room(stations: int, spacing_m: float, sides_m: Corner) -> bool:
     if stations == 1 or spacing_m <= 0.0:
         return True
     east, north = sides_m[0] / spacing_m, sides_m[1] / spacing_m
-    # Forty by forty, or one row of so many, are more than a thousand, as many as there may be.
-    if east * north > 1600.0 or max(east, north) > 1200.0:
+    # Forty by forty are more than a thousand, as many as there may be, and so is a strip in which
+    # only every other row of the grid has room for a point.
+    if east * north > 1600.0 or max(east, north) > 1800.0:
         return True
     return len(hexagonal_grid(spacing_m * _ROOM, (0.0, 0.0), sides_m)) >= stations

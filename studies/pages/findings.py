@@ -130,7 +130,7 @@ def _flying() -> str:
         for case in cases("knowledge")
         if case["setting"]["sensing.flight_error_std_m"] and case["setting"]["sensing.delay_s"]
     )
-    less = [late["learned_less"][rule]["utility"] for rule in (RULE, BOUND)]
+    less = [late["learned_less"][LEARNED][rule]["utility"] for rule in (RULE, BOUND)]
     must_hold(all(one["ci95"][0] > 0.0 for one in less), "learning wins where knowledge is bad")
     learned = [
         methods[LEARNED]["utility"] - methods[RULE]["utility"] for methods in (slowest, fastest)

@@ -218,6 +218,7 @@ class TestSpreading:
         assert distances_m(places_m).min() >= found_m
         assert len(hexagonal_grid(1.01 * found_m, (0.0, 0.0), sides_m)) < stations
 
+    @settings(deadline=None)
     @given(st.floats(0.0, 5000.0), st.floats(0.0, 5000.0), st.floats(1.0, 200.0))
     def test_where_no_grid_is_looked_at_a_thousand_have_room(self, east_m, north_m, spacing_m):
         assume(max(east_m, north_m, east_m * north_m / spacing_m) < 1e5)
