@@ -20,7 +20,7 @@ COMMAND = (
 )
 EVALUATIONS = 40_000
 """In place of the default budget, which is a time: the plan is the same whenever it is made."""
-PICTURE = ROOT / "docs" / "figures" / "plan.svg"
+PICTURE = ROOT / "docs" / "figures" / f"{NAME}.svg"
 
 
 def map_of(report: str) -> str:

@@ -167,6 +167,8 @@ class TestModel:
     def test_decisions_that_the_code_names_are_described(self):
         for room in ("agents", "callbacks", "envs", "experiments"):
             for path in (ROOT / room).rglob("*.py"):
+                if path.parent.name == "maps":  # where M0 begins a line of a drawing
+                    continue
                 for decision in re.findall(r"\bM\d+\b", path.read_text(encoding="utf-8")):
                     assert f"| {decision} |" in MODEL, f"{path}: {decision}"
 

@@ -295,7 +295,8 @@ def record_sources() -> Path:
 
 def figure_digests() -> dict[str, dict[str, str]]:
     """Digests of every committed figure and of its data, by the figure's name."""
-    return {path.name: _digests(path) for path in sorted(FIGURES.glob("*.png"))}
+    drawn = [*FIGURES.glob("*.png"), *FIGURES.glob("*.svg")]
+    return {path.name: _digests(path) for path in sorted(drawn)}
 
 
 def _digests(figure: Path) -> dict[str, str]:
