@@ -1,5 +1,6 @@
 """A plan from files to files: what ``orchid plan`` does, without its display."""
 
+import math
 import os
 import shutil
 import tempfile
@@ -8,6 +9,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
+import numpy as np
 import shapely
 from shapely.geometry import Point, Polygon
 from shapely.geometry.base import BaseGeometry
@@ -45,6 +47,7 @@ from orchid_uav.experiments.planning.reading.site import (
 from orchid_uav.experiments.planning.reading.table import PeopleTable
 from orchid_uav.experiments.planning.reading.zones import read_zones
 from orchid_uav.experiments.planning.settings import PlanConfig, plan_configuration
+from orchid_uav.experiments.planning.site import Site
 from orchid_uav.experiments.runs.records import DEFAULT_RUNS_DIR
 from orchid_uav.notices import reason_of
 from orchid_uav.storage.files import json_bytes
@@ -53,6 +56,10 @@ DEFAULT_PARENT = Path("orchid-plan")
 PLAN_FILE, REPORT_FILE = "plan.json", "report.html"
 _BESIDE_ZONES_M = 50.0
 """A home that nobody gave keeps this far from no-fly zones."""
+_LEAST_FROM_MASTS_M = 20.0
+"""Of a home that is given."""
+_BESIDE_MASTS_M = 60.0
+"""And this far from masts: drones climb straight up over home."""
 
 
 @dataclass(frozen=True)
@@ -146,10 +153,18 @@ def task_of(
     standing = tuple(mast_of(mast, site, config.gbs.height_m) for mast in masts)
     if home is None:
         home_m, height_m = _home_m(people, standing, no_fly), 0.0
-        where = "at the first mast" if standing else "amid the people"
-        notes.append(f"No --home is given: drones start and land {where}.")
+        where = f"{_BESIDE_MASTS_M:g} m beside the first mast" if standing else "amid the people"
+        notes.append(
+            f"No --home is given: drones start and land {where}, at {_told(home_m, site)}."
+        )
     else:
         home_m, height_m = place_m(home, site), home.height_m or 0.0
+        near_m = min((math.dist(home_m, mast[:2]) for mast in standing), default=math.inf)
+        if near_m < _LEAST_FROM_MASTS_M:
+            raise InputError(
+                f"{home.given} is {near_m:.0f} m from a mast, and drones climb straight up over "
+                f"home: name a place at least {_LEAST_FROM_MASTS_M:g} m from every mast"
+            )
     surroundings = Surroundings(
         site=site,
         area=area,
@@ -164,13 +179,25 @@ def task_of(
     return Task(people, surroundings, config, budget, method, flies, firmware, tuple(notes))
 
 
+def _told(point_m: tuple[float, float], site: Site) -> str:
+    """A place in words."""
+    if site.center is None:
+        return f"{point_m[0]:.1f} m E, {point_m[1]:.1f} m N"
+    latitude_deg, longitude_deg = site.to_places([point_m])[0]
+    return f"{latitude_deg:.6f}, {longitude_deg:.6f}"
+
+
 def _home_m(people: People, masts: Sequence[Mast], no_fly: BaseGeometry) -> tuple[float, float]:
-    """Where drones start if nobody says: where a mast or people are, out of no-fly zones."""
-    east_m, north_m = people.positions_m.mean(axis=0).tolist()
+    """Where drones start if nobody says: beside a mast or amid people, not in a no-fly zone."""
+    middle_m = people.positions_m.mean(axis=0)
+    home = Point(middle_m)
     if masts:
-        east_m, north_m, _ = masts[0]
-    home = Point(east_m, north_m)
-    forbidden = no_fly.buffer(_BESIDE_ZONES_M)
+        towards = middle_m - np.array(masts[0][:2])
+        length_m = float(np.linalg.norm(towards))
+        towards = towards / length_m if length_m > 0.0 else np.array([0.0, -1.0])
+        home = Point(np.array(masts[0][:2]) + _BESIDE_MASTS_M * towards)
+    around = [Point(mast.east_m, mast.north_m).buffer(_BESIDE_MASTS_M - 1.0) for mast in masts]
+    forbidden = shapely.union_all([no_fly.buffer(_BESIDE_ZONES_M), *around])
     if forbidden.intersects(home):
         home = Point(shapely.shortest_line(forbidden.boundary, home).coords[0])
     return home.x, home.y

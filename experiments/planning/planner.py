@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 import shapely
+from pydantic import JsonValue
 
 from orchid_uav.envs.parameters import Parameters
 from orchid_uav.experiments.configuration import flatten
@@ -39,6 +40,7 @@ from orchid_uav.experiments.planning.region import backhaul_snr_db, region_of
 from orchid_uav.experiments.planning.result import (
     SCHEMA,
     FleetSize,
+    PeopleServed,
     PlanDocument,
     PlannedDrone,
     PlannedSite,
@@ -161,7 +163,7 @@ def make_plan(task: Task, command: list[str], telling: Telling) -> Planned:
     document = PlanDocument(
         schema=SCHEMA,
         command=command,
-        settings=flatten(config) | {"method": task.method, "budget": _budget_text(task.budget)},
+        settings=_settings(task),
         site=_site(task.surroundings, stations),
         drones=_planned_drones(task, stations, service, stay_s),
         people=served,
@@ -174,7 +176,10 @@ def make_plan(task: Task, command: list[str], telling: Telling) -> Planned:
             {"drone": way.name, "after_s": way.launch_s, "way_altitude_m": way.layer_m}
             for way in sorted(transit.ways, key=lambda way: way.launch_s)
         ],
-        notes=[_sentence(note) for note in (*notes, *told_of_others)],
+        notes=[
+            _sentence(note)
+            for note in (*notes, *told_of_others, *_notes_on(task, stations, service, served))
+        ],
     )
     mapped = MappedPlan(
         document=document,
@@ -383,6 +388,60 @@ def _site(surroundings: Surroundings, stations: Sequence[Station]) -> PlannedSit
         center={"lat": round(center.latitude_deg, 8), "lon": round(center.longitude_deg, 8)},
         box=box,
     )
+
+
+_USED = ("channel.", "rotor.", "reward.", "plan.")
+"""Sections of which a plan uses every key."""
+_USED_KEYS = {
+    *("network.subband_bandwidth_hz", "network.total_bandwidth_hz", "network.shares"),
+    *("uav.min_altitude_m", "uav.max_altitude_m", "uav.max_speed_mps"),
+    *("uav.min_transmit_power_w", "uav.max_transmit_power_w"),
+    *("uav.station.circle_radius_m", "uav.station.speed_limit_mps"),
+    *("gbs.transmit_power_dbm", "gbs.path_loss_exponent", "gbs.shadowing_std_db"),
+    *("gbs.access_bandwidth_hz", "gbs.height_m"),
+}
+
+
+def _settings(task: Task) -> dict[str, JsonValue]:
+    """The settings that a plan depends on, and its places."""
+    values = flatten(task.config)
+    if task.flies is None:  # else they are the method's world, too
+        values = {
+            key: value
+            for key, value in values.items()
+            if key.startswith(_USED) or key in _USED_KEYS
+        }
+    surroundings = task.surroundings
+    points_m = [surroundings.home_m, *((mast.east_m, mast.north_m) for mast in surroundings.masts)]
+    if surroundings.site.center is not None:
+        points_m = [(one[0], one[1]) for one in surroundings.site.to_places(points_m).tolist()]
+    home, *masts = [[round(first, 8), round(second, 8)] for first, second in points_m]
+    return values | {
+        "method": task.method,
+        "budget": _budget_text(task.budget),
+        "home": home,
+        "home_height_amsl_m": surroundings.home_height_amsl_m,
+        "masts": masts,
+    }
+
+
+def _notes_on(
+    task: Task, stations: Sequence[Station], service: Service, served: PeopleServed
+) -> list[str]:
+    """What of a plan might surprise."""
+    config, notes = task.config, []
+    idle = [one.name for number, one in enumerate(stations) if not (service.server == number).any()]
+    if idle:
+        notes.append(f"Nobody is served by {', '.join(idle)}: fewer drones would do.")
+    if task.surroundings.masts and not served.served_by_masts:
+        notes.append("Masts serve nobody, since everybody receives a drone better; they carry on "
+                     "what drones send, and serve people where a drone is lost.")  # fmt: skip
+    notes.append(
+        f"Times on station are those of a drone as in the paper, of {config.rotor.mass_kg:g} kg, "
+        f"with {config.plan.battery_wh:g} Wh and {config.plan.reserve:.0%} in reserve; other "
+        "drones need other values of rotor.* and --battery-wh."
+    )
+    return notes
 
 
 def _sentence(note: str) -> str:

@@ -48,6 +48,13 @@ def print_plan(out: Console, document: "PlanDocument") -> None:
             row.append(f"{size.people.share_above_want:.1%}")
         rows.append(row)
     print_table(out, [*columns, *(["as wanted"] if has_want else [])], rows)
+    off = document.robustness.position_error_50m
+    if off.share_above_want is not None:
+        print_text(
+            out,
+            f"with people 50 m off, {off.share_above_want:.1%} have what is wanted (in the mean; "
+            f"{off.share_above_want_worst:.1%} in the worst draw)",
+        )
     rotation = document.rotation
     print_text(
         out,

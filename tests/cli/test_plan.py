@@ -87,6 +87,28 @@ class TestPlan:
         assert document == json.loads((out / "plan.json").read_text())
         assert document["site"]["center"] is None and document["drones"][0]["lat"] is None
 
+    def test_home_is_beside_a_mast_and_not_under_it(self, orchid, out):
+        mast = ("--mast", "17.2966,-62.7243,30")
+        finished = orchid("plan", PEOPLE, *QUICK, *mast, "--out", out, "--json")
+        document = json.loads(finished.out)
+        home, (of_mast,) = document["settings"]["home"], document["settings"]["masts"]
+        assert of_mast == pytest.approx([17.2966, -62.7243])
+        away_m = np.hypot(*(np.subtract(home, of_mast) * [110_700.0, 106_300.0]))
+        assert away_m == pytest.approx(60.0, rel=0.01)
+        assert f"{home[0]:.6f}, {home[1]:.6f}" in finished.err
+        for path in (out / "missions").rglob("*.plan"):
+            first = json.loads(path.read_text())["mission"]["items"][0]["params"]
+            assert first[4:6] == pytest.approx(home, abs=2e-7)
+
+    def test_what_might_surprise_is_noted(self, orchid, tmp_path):
+        people = tmp_path / "three.csv"
+        people.write_text("lat,lon\n17.3,-62.72\n17.3,-62.7201\n17.3,-62.7202\n")
+        finished = orchid("plan", people, "--drones=4", "--budget=200", "--mast=17.31,-62.72")
+        assert finished.code == 0
+        assert "more drones (4) than people (3)" in finished.err
+        assert "Nobody is served by uav_" in finished.err
+        assert "Masts serve nobody" in finished.err
+
     def test_one_firmware_alone(self, orchid, out):
         assert orchid("plan", PEOPLE, *QUICK, "--out", out, "--firmware=px4").code == 0
         assert [path.name for path in (out / "missions").iterdir()] == ["px4"]
@@ -161,6 +183,7 @@ class TestRefusals:
             ([PEOPLE, "--method=plannner"], ["plannner", "planner"]),
             ([PEOPLE, "--drones=30", "--clearance-m=3000"], ["room for", "--clearance-m"]),
             ([PEOPLE, "--altitude=120..80"], ["80..120"]),
+            ([PEOPLE, "--mast=17.3,-62.72", "--home=17.3,-62.72"], ["--home", "at least 20 m"]),
         ],
     )
     def test_nothing_is_left_behind(self, orchid, tmp_path, arguments, parts):

@@ -70,6 +70,13 @@ def _verdict(plan: MappedPlan) -> list[Markup]:
         f"Wanted: {rate_text(rate_bps)} or more for {share_text(wanted)} of all people. "
         f"Planned: {reached}. The wish is {'met' if is_met else 'not met'}."
     )
+    off = plan.document.robustness.position_error_50m
+    if off.share_above_want is not None and off.share_above_want_worst is not None:
+        told += (
+            f" If people are some 50 m from where they were said to be, it is "
+            f"{share_text(off.share_above_want)}, and {share_text(off.share_above_want_worst)} "
+            "in the worst of the draws: see how sure this is, below."
+        )
     return [element("p", told, class_="verdict met" if is_met else "verdict")]
 
 

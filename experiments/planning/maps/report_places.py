@@ -181,6 +181,9 @@ def _drones(plan: MappedPlan) -> list[Markup]:
             "told as signal-to-noise ratio at the worst point of the circle, in decibel (dB): 3 dB "
             "more is twice as strong. After it comes the distance to the nearest mast."
         )
+        needed_db = document.settings.get("channel.backhaul_required_snr_db")
+        if needed_db is not None:
+            told.append(f"At least {needed_db:g} dB are needed.")
     else:
         told.append(
             "There is no mast in this plan: how the drones are connected to the rest of the world, "

@@ -131,7 +131,7 @@ def weight_of(value: object) -> int:
     """
     right = f"write a whole number from 1 to {MOST_OF_ONE_ROW:,}, without separators"
     if value is None or (isinstance(value, str) and not cleaned(value)):
-        raise ValueError("the number of people is missing")
+        raise ValueError("the number of people is missing: write 1 for one person")
     weight = -1
     if isinstance(value, str):
         # "1.000" is a thousand to some and one to others.
