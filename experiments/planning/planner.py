@@ -445,7 +445,9 @@ def _notes_on(
 
 
 def _sentence(note: str) -> str:
-    """A note as it stands in the report."""
+    """A note as it stands in the report; a name of a file keeps its letters."""
+    if "." in note.split(" ", 1)[0]:
+        return note if note.endswith(".") else note + "."
     return note[:1].upper() + note[1:] + ("" if note.endswith(".") else ".")
 
 
