@@ -49,7 +49,7 @@ def receive(
     Args:
         rules: of the network.
         stations: east, north, altitude and transmit power of each drone, (N, 4).
-        offsets_m: the points of the circles, from the centres, (K, 2) or (N, K, 2) flattened.
+        offsets_m: the points of the circles, from the centres, (K, 2).
         ground: people (P).
         received_w: result, (N, K, P).
         sources: not used; see ``SOURCES``.

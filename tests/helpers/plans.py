@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 import shapely
 
-from orchid_uav.experiments.planning.maps.drawing import NOBODY, MappedPlan
+from orchid_uav.envs.plans.network import NOBODY
+from orchid_uav.experiments.planning.maps.drawing import MappedPlan
 from orchid_uav.experiments.planning.model import Mast, People, Station, Surroundings, Want
 from orchid_uav.experiments.planning.result import PlanDocument
 from orchid_uav.experiments.planning.site import Place, Site

@@ -8,9 +8,6 @@ from numpy.typing import NDArray
 from orchid_uav.experiments.planning.model import Floats, People, Station, Surroundings, Want
 from orchid_uav.experiments.planning.result import PlanDocument
 
-NOBODY = -1
-"""The server of people whom nobody serves."""
-
 
 @dataclass(frozen=True)
 class MappedPlan:

@@ -7,8 +7,9 @@ from typing import Any
 
 import shapely
 
+from orchid_uav.envs.plans.network import NOBODY
 from orchid_uav.experiments.planning.maps.colours import HOME, MAST, UNSERVED, colours_on_white
-from orchid_uav.experiments.planning.maps.drawing import NOBODY, MappedPlan
+from orchid_uav.experiments.planning.maps.drawing import MappedPlan
 from orchid_uav.experiments.planning.maps.on_earth import (
     circle_m,
     lines_on_earth,

@@ -6,6 +6,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import shapely
 
+from orchid_uav.envs.plans.network import NOBODY
 from orchid_uav.experiments.planning.maps.colours import (
     HOME,
     MAST,
@@ -13,7 +14,7 @@ from orchid_uav.experiments.planning.maps.colours import (
     ZONE,
     colours_on_white,
 )
-from orchid_uav.experiments.planning.maps.drawing import NOBODY, MappedPlan
+from orchid_uav.experiments.planning.maps.drawing import MappedPlan
 from orchid_uav.experiments.planning.maps.on_earth import (
     Ring,
     circle_m,

@@ -8,6 +8,7 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
+from orchid_uav.envs.plans.network import NOBODY
 from orchid_uav.experiments.planning.maps.colours import colour_numbers
 from orchid_uav.experiments.planning.maps.dots import (
     diameter_px,
@@ -16,7 +17,7 @@ from orchid_uav.experiments.planning.maps.dots import (
     size_texts,
     unserved_people,
 )
-from orchid_uav.experiments.planning.maps.drawing import NOBODY, MappedPlan
+from orchid_uav.experiments.planning.maps.drawing import MappedPlan
 from orchid_uav.experiments.planning.maps.frame import WIDTH, Frame, frame_of, round_length_m
 from orchid_uav.experiments.planning.maps.markup import Markup, element
 from orchid_uav.experiments.planning.maps.on_earth import circle_m, polygons_of

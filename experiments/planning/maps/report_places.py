@@ -3,9 +3,10 @@
 import math
 from typing import Any
 
+from orchid_uav.envs.plans.network import NOBODY
 from orchid_uav.experiments.planning.maps.colours import colour_numbers
 from orchid_uav.experiments.planning.maps.dots import CORES, grown, size_texts, speeds_of
-from orchid_uav.experiments.planning.maps.drawing import NOBODY, MappedPlan
+from orchid_uav.experiments.planning.maps.drawing import MappedPlan
 from orchid_uav.experiments.planning.maps.map_svg import (
     CROSS_SHAPE,
     HOME_SHAPE,

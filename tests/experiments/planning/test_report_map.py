@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import shapely
 
+from orchid_uav.envs.plans.network import NOBODY
 from orchid_uav.experiments.planning.maps.dots import speeds_of
-from orchid_uav.experiments.planning.maps.drawing import NOBODY
 from orchid_uav.experiments.planning.maps.frame import WIDTH, frame_of, round_length_m
 from orchid_uav.experiments.planning.maps.map_svg import label_of, map_svg
 from orchid_uav.experiments.planning.maps.report import report_html

@@ -9,7 +9,7 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from orchid_uav.experiments.planning.maps.drawing import NOBODY
+from orchid_uav.envs.plans.network import NOBODY
 from orchid_uav.experiments.planning.maps.markup import Markup, element, joined, table
 from orchid_uav.experiments.planning.maps.report import report_html
 from orchid_uav.experiments.planning.site import Place
