@@ -16,7 +16,6 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 from shapely.geometry import Polygon, box
 
@@ -110,10 +109,7 @@ def evolved(fleet: Fleet, region: Region, seconds: float, prices_distance: bool 
 
     def plan_of(point: NDArray[np.float64]) -> NDArray[np.float64]:
         plan = low + np.clip(point.reshape(-1, 4), 0.0, 1.0) * (high - low)
-        outside = ~region.contains(plan[:, :2])
-        if outside.any():
-            lines = shapely.shortest_line(region.allowed, shapely.points(plan[outside, :2]))
-            plan[outside, :2] = shapely.get_coordinates(lines)[::2]
+        plan[:, :2] = region.nearest(plan[:, :2])
         return plan
 
     def loss(point: NDArray[np.float64]) -> float:

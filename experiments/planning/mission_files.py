@@ -1,12 +1,12 @@
 """The mission files of a plan, flown once by a program before anybody else does."""
 
-import json
 from collections.abc import Sequence
 
 from orchid_uav.experiments.errors import RunFailedError
 from orchid_uav.experiments.planning.missions.fence import Fence
 from orchid_uav.experiments.planning.missions.fleet import plan_missions
 from orchid_uav.experiments.planning.missions.items import Firmware
+from orchid_uav.experiments.planning.missions.plan_file import plan_text
 from orchid_uav.experiments.planning.missions.transit import Transit
 from orchid_uav.experiments.planning.missions.waypoints_file import waypoints_text
 from orchid_uav.experiments.planning.model import Station, Surroundings
@@ -50,8 +50,7 @@ def mission_files(
             )
         for mission, document in zip(made.missions, made.documents, strict=True):
             name = f"missions/{folder}/{mission.drone}"
-            text = json.dumps(document, indent=4, allow_nan=False)
-            files.append((f"{name}.plan", f"{text}\n".encode()))
+            files.append((f"{name}.plan", plan_text(document).encode()))
             if autopilot is Firmware.ARDUPILOT:
                 files.append((f"{name}.waypoints", waypoints_text(mission).encode()))
     return files

@@ -143,6 +143,10 @@ class Fleet:
         )
         return utilities
 
+    def service_of(self, plan: Floats) -> Service:
+        """Who serves whom from the stations of a plan."""
+        return self.service(self.rank(self.receive(plan)))
+
     def service(self, ranking: Ranking, without: int = NOBODY) -> Service:
         """Who serves whom, a drone left out if one is given."""
         servers = np.empty(ranking.server.shape[1:], np.int64)

@@ -147,7 +147,7 @@ def make_plan(task: Task, command: list[str], telling: Telling) -> Planned:
         endurance_s(parameters, station, battery, way, cruise_mps)
         for station, way in zip(stations, ways, strict=True)
     )
-    service = fleet.service(fleet.rank(fleet.receive(found.plan)))
+    service = fleet.service_of(found.plan)
     served = count_served(service, task.people, drones, settings.want)
     robustness = check_robustness(
         fleet,
@@ -233,8 +233,7 @@ class _Maker:
     def _tried(self, drones: int, evaluations: int) -> FleetSize:
         fleet = self.fleet_of(drones)
         found = search(fleet, self.region, Budget(evaluations=evaluations), self._seed)
-        service = fleet.service(fleet.rank(fleet.receive(found.plan)))
-        served = count_served(service, self._task.people, drones, self._want)
+        served = count_served(fleet.service_of(found.plan), self._task.people, drones, self._want)
         return FleetSize(drones=drones, utility=found.utility, people=served)
 
     def other_sizes(self, drones: int, evaluations: int) -> tuple[list[FleetSize], list[str]]:
@@ -434,8 +433,10 @@ def _notes_on(
     if idle:
         notes.append(f"Nobody is served by {', '.join(idle)}: fewer drones would do.")
     if task.surroundings.masts and not served.served_by_masts:
-        notes.append("Masts serve nobody, since everybody receives a drone better; they carry on "
-                     "what drones send, and serve people where a drone is lost.")  # fmt: skip
+        notes.append(
+            "Masts serve nobody, since everybody receives a drone better; they carry on what "
+            "drones send, and serve people where a drone is lost."
+        )
     notes.append(
         f"Times on station are those of a drone as in the paper, of {config.rotor.mass_kg:g} kg, "
         f"with {config.plan.battery_wh:g} Wh and {config.plan.reserve:.0%} in reserve; other "

@@ -40,12 +40,14 @@ class Region:
         )
         return inside
 
-    def nearest(self, point_m: Floats) -> Floats:
-        """The allowed place (2,) nearest to a point."""
-        if self.contains(point_m[None])[0]:
-            return point_m
-        line = shapely.shortest_line(self.allowed, Point(point_m))
-        return np.array(line.coords[0])
+    def nearest(self, points_m: Floats) -> Floats:
+        """The allowed places nearest to points, (..., 2)."""
+        places_m = points_m.reshape(-1, 2).copy()
+        outside = ~self.contains(places_m)
+        if outside.any():
+            lines = shapely.shortest_line(self.allowed, shapely.points(places_m[outside]))
+            places_m[outside] = shapely.get_coordinates(lines)[::2]
+        return places_m.reshape(points_m.shape)
 
 
 def region_of(surroundings: Surroundings, circle_radius_m: float, parameters: Parameters) -> Region:

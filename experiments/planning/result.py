@@ -51,6 +51,11 @@ class PeopleServed(Document):
     share_above_want: float | None
     """Share of all people with the rate of ``--want``; None without it."""
 
+    @property
+    def share_served(self) -> float:
+        """Share of all people who are served at all."""
+        return 1.0 - self.unserved / self.total
+
 
 class Rotation(Document):
     """What keeps every station manned for a day."""

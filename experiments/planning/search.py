@@ -10,7 +10,6 @@ from time import perf_counter
 from typing import NamedTuple
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
 from orchid_uav.experiments.planning.clusterings import best_clustering
@@ -145,11 +144,7 @@ class _Climb:
         share = scale / self._first_step_m * _FIRST_STEP
         moves[:, 2:] += share * (self._high - self._low) * noise[:, 2:]
         moves[:, 2:] = np.clip(moves[:, 2:], self._low, self._high)
-        outside = ~region.contains(moves[:, :2])
-        if outside.any():
-            points = shapely.points(moves[outside, :2])
-            lines = shapely.shortest_line(region.allowed, points)
-            moves[outside, :2] = shapely.get_coordinates(lines)[::2]
+        moves[:, :2] = region.nearest(moves[:, :2])
         others_m = np.delete(self._plan[:, :2], drone, axis=0)
         apart_m = np.linalg.norm(moves[:, None, :2] - others_m[None], axis=2)
         return moves[(apart_m >= region.spacing_m).all(axis=1)]

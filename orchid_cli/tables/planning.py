@@ -36,10 +36,9 @@ def print_plan(out: Console, document: "PlanDocument") -> None:
     has_want = people.share_above_want is not None
     rows = []
     for size in document.fleet_sizes:
-        served = 1.0 - size.people.unserved / size.people.total
         row = [
             f"{size.drones}",
-            f"{served:.1%}",
+            f"{size.people.share_served:.1%}",
             _rate(size.people.worst_rate_bps),
             _rate(size.people.median_rate_bps),
             f"{size.utility:.3f}",

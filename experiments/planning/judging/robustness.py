@@ -60,7 +60,7 @@ def check_robustness(
 
 def _figures(services: list[Service], fleet: Fleet, want: Want | None) -> DrawnFigures:
     counts = [count_served(service, fleet.people, fleet.drones, want) for service in services]
-    shares = [1.0 - count.unserved / count.total for count in counts]
+    shares = [count.share_served for count in counts]
     worst_bps = [count.worst_rate_bps for count in counts]
     medians_bps = [count.median_rate_bps for count in counts]
     above = [count.share_above_want for count in counts if count.share_above_want is not None]
@@ -79,8 +79,7 @@ def _figures(services: list[Service], fleet: Fleet, want: Want | None) -> DrawnF
 
 def _elsewhere(fleet: Fleet, plan: Floats, positions_m: Floats) -> Service:
     """How the same people are served at other places."""
-    moved = fleet.changed(people=People(positions_m, fleet.people.weights))
-    return moved.service(moved.rank(moved.receive(plan)))
+    return fleet.changed(people=People(positions_m, fleet.people.weights)).service_of(plan)
 
 
 def _with_errors(fleet: Fleet, plan: Floats, error_m: float, seed: int) -> Iterator[Service]:
@@ -176,7 +175,7 @@ def _lose_each(
             movers=movers,
         )
         moved_m = np.linalg.norm(found.plan[:, :2] - others[:, :2], axis=1).max()
-        regained = left_fleet.service(left_fleet.rank(left_fleet.receive(found.plan)))
+        regained = left_fleet.service_of(found.plan)
         each.append(
             DroneLost(
                 drone=name,
@@ -187,8 +186,8 @@ def _lose_each(
                 regained_after_s=float(moved_m / fleet.parameters.uav.station.speed_limit_mps),
             )
         )
-    left_shares = [1.0 - one.left.unserved / one.left.total for one in each]
-    regained_shares = [1.0 - one.regained.unserved / one.regained.total for one in each]
+    left_shares = [one.left.share_served for one in each]
+    regained_shares = [one.regained.share_served for one in each]
     return OneDroneLost(
         share_served=float(np.mean(left_shares)),
         share_served_worst=min(left_shares),

@@ -54,10 +54,14 @@ def plan_document(mission: Mission, fence: Fence) -> dict[str, Any]:
     }
 
 
+def plan_text(document: dict[str, Any]) -> str:
+    """A document as it is written."""
+    return json.dumps(document, indent=4, allow_nan=False) + "\n"
+
+
 def write_plan(path: Path, document: dict[str, Any]) -> None:
     """Write a ``.plan`` file; equal documents give equal bytes."""
-    text = json.dumps(document, indent=4, allow_nan=False)
-    path.write_text(f"{text}\n", encoding="utf-8", newline="\n")
+    path.write_text(plan_text(document), encoding="utf-8", newline="\n")
 
 
 def items_of(document: dict[str, Any]) -> list[MissionItem]:
