@@ -7,6 +7,8 @@ To try another channel, hand a function to :class:`orchid_uav.envs.WorldBatch`; 
 looks at every link (``docs/extending.md``).
 """
 
+import math
+
 import numpy as np
 from numba.extending import register_jitable
 from scipy.constants import speed_of_light
@@ -21,6 +23,7 @@ from orchid_uav.envs.elementary import (
 from orchid_uav.envs.parameters import ChannelParameters
 from orchid_uav.envs.units import decibel_to_linear, linear_to_decibel
 
+_LN_2 = math.log(2.0)
 _TABLE_I = ChannelParameters()
 _FREQUENCY_HZ = _TABLE_I.carrier_frequency_hz
 _S_CURVE_A = _TABLE_I.s_curve_a
@@ -187,3 +190,9 @@ def backhaul_snr(
 def spectral_efficiency(snr: Numeric) -> Numeric:
     """Bits per second and hertz of a link with linear SNR: log2(1 + gamma)."""
     return logarithm_2(1.0 + snr)
+
+
+@register_jitable(forceinline=True)
+def snr_of_efficiency_db(efficiency: Numeric) -> Numeric:
+    """SNR in dB of a link with this spectral efficiency > 0: :func:`spectral_efficiency` undone."""
+    return 10.0 * logarithm_10(exponential(efficiency * _LN_2) - 1.0)

@@ -11,6 +11,7 @@ from orchid_uav.envs.association import link_power_w
 from orchid_uav.envs.channel import (
     LOSS_ALLOWS_PRUNING,
     signal_to_noise_ratio,
+    snr_of_efficiency_db,
     spectral_efficiency,
 )
 from orchid_uav.envs.compilation import SOURCES, compiled, inlined
@@ -54,20 +55,24 @@ class Diagnostics:
         self._sums = np.zeros((world.world_count, len(DIAGNOSTIC_METRICS)))
         self._slots = 0
         self._last_velocities_mps = np.zeros_like(world.arrays.velocities_mps)
+        self._starts_m = np.array(world.arrays.positions_m)
         self._gbs: tuple[Floats, Floats, Floats] | None = None
 
     def begin(self) -> None:
         """Forget the last episode, or the slots of this one so far."""
         self._sums[:] = 0.0
         self._slots = 0
-        self._last_velocities_mps[:] = self._world.arrays.velocities_mps
+        arrays = self._world.arrays
+        self._last_velocities_mps[:] = arrays.velocities_mps
+        has_begun = arrays.slot == 0
+        self._starts_m[has_begun] = arrays.positions_m[has_begun]
         self._gbs = None
 
     def observe(self) -> None:
         """Add the slot that was just flown."""
         world = self._world
         arrays = world.arrays
-        inspected = np.empty((world.world_count, 3))
+        inspected = np.empty((world.world_count, 4))
         world.divide(
             lambda part, worlds: self._inspect(
                 world.constants, worlds, self._last_velocities_mps[part], inspected[part]
@@ -87,8 +92,13 @@ class Diagnostics:
         )
         gbs_rate_bps, gbs_coverage, gbs_served = self._gbs
         total_coverage = (arrays.loads.sum(axis=1) + gbs_served) / world.user_count
+        moved_m = np.linalg.norm(arrays.positions_m - self._starts_m, axis=2).mean(axis=1)
+        thrust_efficiency, nearest_m, snr_db, pairs = inspected.T
         self._sums += np.column_stack(
-            [utility, inspected, gbs_rate_bps, gbs_coverage, total_coverage]
+            [
+                *(utility, thrust_efficiency, nearest_m, moved_m, snr_db, pairs),
+                *(gbs_rate_bps, gbs_coverage, total_coverage),
+            ]
         )
 
     def episode_metrics(self, world: int) -> dict[str, float]:
@@ -115,13 +125,13 @@ def inspect_worlds(
     own_path_loss_db: Callable[..., float] | None = None,
     sources: str = SOURCES,
 ) -> None:
-    """Energy efficiency with thrust paid for, distance to the nearest UAV, blocking pairs.
+    """Energy efficiency with thrust paid for, distance to the nearest UAV, SNR, blocking pairs.
 
     Args:
         constants: of the parameters that the worlds were made with.
         worlds: B worlds after a step.
         last_velocities_mps: of the slot before, (B, N, 3).
-        metrics: result, (B, 3).
+        metrics: result, (B, 4).
         own_path_loss_db: see :func:`orchid_uav.envs.association.associate`.
         sources: not used; see ``SOURCES``.
     """
@@ -170,7 +180,8 @@ def _inspect(
             worlds.metrics[world, SUM_RATE], power_w, constants.power_epsilon_w
         )
         metrics[world, 1] = _mean_nearest_uav_m(worlds.positions_m[world])
-        metrics[world, 2] = _count_blocking_pairs(
+        metrics[world, 2] = _mean_snr_db(worlds.spectral_efficiency[world])
+        metrics[world, 3] = _count_blocking_pairs(
             constants, worlds, world, scratch, own_path_loss_db
         )
 
@@ -209,6 +220,18 @@ def _mean_nearest_uav_m(positions_m: Floats) -> float:
                 nearest_squared = min(nearest_squared, squared)
         total_m += np.sqrt(nearest_squared)
     return total_m / uavs if uavs > 1 else np.nan
+
+
+@inlined
+def _mean_snr_db(efficiencies: Floats) -> float:
+    """Mean SNR of the users that UAVs serve, whose efficiency is not 0; NaN where there is none."""
+    total_db, served = 0.0, 0
+    for user in range(len(efficiencies)):
+        is_served = efficiencies[user] > 0.0
+        snr_db = snr_of_efficiency_db(efficiencies[user] if is_served else 1.0)
+        total_db += snr_db if is_served else 0.0
+        served += is_served
+    return total_db / served if served else np.nan
 
 
 @inlined

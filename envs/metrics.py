@@ -25,6 +25,8 @@ DIAGNOSTIC_METRICS = (
     "utility",
     "thrust_energy_efficiency_bit_per_joule",
     "nearest_uav_m",
+    "displacement_m",
+    "user_snr_db",
     "blocking_pairs",
     "gbs_rate_bps",
     "gbs_coverage",
@@ -32,8 +34,9 @@ DIAGNOSTIC_METRICS = (
 )
 """Further metrics of an episode, all means over its slots; see :mod:`orchid_uav.envs.diagnostics`:
 U_total at training progress 1; the energy efficiency with a load factor in the induced power; the
-mean distance of UAVs to the nearest other one; user-UAV pairs that would both gain by deviating;
-the mean rate of the GBS's users; the served share of them, and of all users."""
+mean distance of UAVs to the nearest other one, and to where they were at slot 0; the mean SNR of
+the users that UAVs serve, NaN where they serve none; user-UAV pairs that would both gain by
+deviating; the mean rate of the GBS's users; the served share of them, and of all users."""
 
 COUNTS = frozenset({"collisions", "boundary_violations", "backhaul_violations"})
 """Episode metrics that count slots."""

@@ -63,6 +63,8 @@ METRICS: dict[str, Metric] = {
     "boundary_violations": Metric("boundary violations", "", 1.0, 1, "lower"),
     "backhaul_violations": Metric("backhaul violations", "", 1.0, 1, "lower"),
     "nearest_uav_m": Metric("distance to the nearest UAV", "m", 1.0, 0, None),
+    "displacement_m": Metric("distance from the start", "m", 1.0, 0, None),
+    "user_snr_db": Metric("users' mean SNR", "dB", 1.0, 2, None),
     "gbs_rate_bps": Metric("GBS users' mean rate", "Mbit/s", 1e-6, 3, None),
     "gbs_coverage": Metric("GBS users' coverage", "", 1.0, 3, None),
     "blocking_pairs": Metric("blocking pairs", "", 1.0, 2, "lower"),

@@ -306,7 +306,7 @@ def replayed_trigger(logs: Sequence[Sequence[Row]]) -> list[TriggerReplay]:
     table = []
     for window in WINDOWS:
         for tolerance in TOLERANCES:
-            episodes = [_first_firing(rows, window, tolerance) for rows in logs if rows]
+            episodes = [first_firing(rows, window, tolerance) for rows in logs if rows]
             fired = [episode for episode in episodes if episode is not None]
             table.append(
                 TriggerReplay(
@@ -320,7 +320,8 @@ def replayed_trigger(logs: Sequence[Sequence[Row]]) -> list[TriggerReplay]:
     return table
 
 
-def _first_firing(rows: Sequence[Row], window: int, tolerance: float) -> int | None:
+def first_firing(rows: Sequence[Row], window: int, tolerance: float) -> int | None:
+    """The first episode at which the trigger would have fired on a run; None if at none."""
     tolerances = {"rate_jfi": tolerance, REWARD: tolerance}
     series = {name: [row[name] for row in rows] for name in tolerances}
     for episode in range(2 * window, len(rows) + 1):

@@ -84,7 +84,7 @@ def describe_plan(plan: Plan, planner_evaluations: int) -> EvaluationSettings:
         "seed": plan.seed,
         "planner_evaluations": planner_evaluations,
         "world": plan.world.model_dump(mode="json"),
-        "training_progress": 1.0,
+        "training_progress": plan.training_progress,
         "ci95": f"{INTERVAL}, over topologies",
         "headroom": f"(U - U_{FLOOR}) / (U_{CEILING} - U_{FLOOR}), U the mean utility",
     }

@@ -84,6 +84,8 @@ class Plan:
     world: Parameters
     first_slot: int = 1
     """Metrics are those of the slots from this one on."""
+    training_progress: float = 1.0
+    """The weights of the reward are those at this progress τ."""
 
     def flights(self) -> Iterator["Flight"]:
         """All flights, setting by setting."""
@@ -248,7 +250,7 @@ def _fly(
         first += len(seeds)
         cost = _cost(flight) * len(seeds) / plan.episodes
         batch = _fly_batch(
-            flight.contender, parameters, some, seeds, plan.first_slot, progress, cost, heed_stop
+            flight.contender, parameters, some, seeds, plan, progress, cost, heed_stop
         )
         parts.append(batch)
     return {name: np.concatenate([part[name] for part in parts]) for name in EVALUATION_METRICS}
@@ -265,13 +267,13 @@ def _fly_batch(
     parameters: Parameters,
     topologies: Topologies,
     seeds: Sequence[int],
-    first_slot: int,
+    plan: Plan,
     progress: FlightProgress,
     cost: float,
     heed_stop: Callable[[], None],
 ) -> Metrics:
     world = WorldBatch(parameters, worlds=len(seeds), seed=0, threads=usable_cores())
-    world.set_progress(1.0)
+    world.set_progress(plan.training_progress)
     world.use_topology(topologies)
     method = contender.make(seeds)
 
@@ -286,7 +288,7 @@ def _fly_batch(
     diagnostics.begin()
     for slot in range(1, parameters.network.episode_slots + 1):
         heed_stop()
-        if slot == first_slot and slot > 1:
+        if slot == plan.first_slot and slot > 1:
             world.forget_metrics()
             diagnostics.begin()
         world.step(method.act(world))

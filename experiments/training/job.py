@@ -9,11 +9,11 @@ import re
 import signal
 import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NoReturn
 
 from orchid_uav.experiments.configuration import RunConfig
 from orchid_uav.experiments.errors import InputError, RunFailedError
@@ -31,6 +31,9 @@ from orchid_uav.experiments.runs.records import (
 from orchid_uav.experiments.training.listeners import Reporter
 from orchid_uav.notices import show_on_stderr
 from orchid_uav.storage.files import read_document, write_json
+
+if TYPE_CHECKING:
+    from orchid_uav.callbacks import EpisodeCallback
 
 
 @dataclass(frozen=True)
@@ -93,9 +96,13 @@ class TrainingJob:
             # -P: a statistics.py in the user's working directory must not replace the library's.
             command=(sys.executable, "-P", "-m", "orchid_uav.experiments.training.job", str(order)),
             log=folder / f"{self.key}.log",
-            fraction_done=_FractionDone(self),
+            fraction_done=self.fraction_done(),
             cost=cost,
         )
+
+    def fraction_done(self) -> Callable[[], float]:
+        """What tells which fraction of the run's episodes is done."""
+        return _FractionDone(self)
 
     @classmethod
     def read(cls, order: Path) -> "TrainingJob":
@@ -140,8 +147,12 @@ class _Log(Reporter):
         print(f"run {run.id} from episode {len(rows) + 1} on", flush=True)
 
 
-def run_one(job: TrainingJob) -> int:
+def run_one(job: TrainingJob, watchers: "Sequence[EpisodeCallback]" = ()) -> int:
     """Complete the run: begin it, go on where it stopped, or do nothing if it is complete.
+
+    Args:
+        job: the run.
+        watchers: further callbacks; see :func:`orchid_uav.experiments.training.loop.train`.
 
     Returns:
         0, or 130 if it was interrupted; what was done is then kept.
@@ -164,7 +175,7 @@ def run_one(job: TrainingJob) -> int:
         else:
             run = RunDirectory.reopen(path, job.config, job.command)
         trackers = [open_tracker("tensorboard", run.path, job.config)]
-        outcome = train(job.config, run, _Log(), trackers, interruption)
+        outcome = train(job.config, run, _Log(), trackers, interruption, watchers)
     return 0 if outcome.status == "completed" else INTERRUPTED_CODE
 
 
@@ -179,23 +190,27 @@ def _stop_with_parent() -> None:
     threading.Thread(target=wait, daemon=True).start()
 
 
-def main() -> int:
-    """Run the job whose file is named on the command line."""
+def run_as_job(work: Callable[[Path], int]) -> NoReturn:
+    """Do what the file named on the command line orders, as a process of its own, and exit.
+
+    Args:
+        work: given the file's path; returns the exit code.
+    """
     show_on_stderr()
     if "ORCHID_JOB" in os.environ:
         _stop_with_parent()
     with lasting_output(), interruption_requests():
         try:
-            return run_one(TrainingJob.read(Path(sys.argv[1])))
+            code = work(Path(sys.argv[1]))
         except (InputError, RunFailedError) as error:
             print(f"error: {error}", file=sys.stderr)
-            return 1
+            code = 1
         except KeyboardInterrupt:
-            return INTERRUPTED_CODE
-
-
-if __name__ == "__main__":
-    code = main()
+            code = INTERRUPTED_CODE
     ignore_signals()
     gc.freeze()  # see __main__.py
     sys.exit(code)
+
+
+if __name__ == "__main__":
+    run_as_job(lambda order: run_one(TrainingJob.read(order)))

@@ -42,6 +42,7 @@ from orchid_uav.experiments.training.listeners import Reporter
 from orchid_uav.experiments.training.state import Training
 from orchid_uav.experiments.training.trackers import SafeTracker
 from orchid_uav.notices import in_one_line, kind_and_reason
+from orchid_uav.storage.files import write_json
 
 
 class LearnedPolicy(NamedTuple):
@@ -53,6 +54,8 @@ class LearnedPolicy(NamedTuple):
     """Log standard deviation (4,) of the noise used in training."""
 
 
+WATCHED_FILE = "watched.json"
+"""What the further callbacks of a run have seen, where it has any."""
 _LONGEST_REASON = 300
 _ESCAPE_CODE = re.compile(r"\x1b\[[0-9;]*m")  # numba colours its messages
 
@@ -105,6 +108,7 @@ def train(
     reporter: Reporter,
     trackers: Sequence[SafeTracker] = (),
     interruption: Interruption | None = None,
+    watchers: Sequence[EpisodeCallback] = (),
 ) -> TrainingOutcome:
     """Train to the end, or until a signal asks to stop, and leave a complete run directory.
 
@@ -118,6 +122,8 @@ def train(
         trackers: exporters of its metrics.
         interruption: given by a caller that already handles signals; by default they are handled
             here.
+        watchers: further callbacks, which act on each update before its checkpoint, and whose state
+            is kept in checkpoints: a run that is resumed needs the same ones. Not for DAgger.
 
     Raises:
         RunFailedError: training could not go on; the run's status is "failed".
@@ -128,9 +134,13 @@ def train(
         with (
             interruption_requests() if interruption is None else nullcontext(interruption) as noted
         ):
-            learn = _imitate if config.training.algorithm == "dagger" else _learn
-            learned = learn(config, outcome, reporter, trackers, noted)
+            if config.training.algorithm == "dagger":
+                learned = _imitate(config, outcome, reporter, trackers, noted)
+            else:
+                learned = _learn(config, outcome, reporter, trackers, noted, watchers)
             run.write_policy(_describe_policy(config, outcome, learned))
+            if watchers:
+                _write_watched(run, watchers)
             is_complete = len(outcome.rows) == config.training.episodes
             outcome.finish("completed" if is_complete else "interrupted")
     except (KeyboardInterrupt, SystemExit):
@@ -156,6 +166,12 @@ def train(
     return outcome
 
 
+def _write_watched(run: RunDirectory, watchers: Sequence[EpisodeCallback]) -> None:
+    """Write what the watchers have seen, by the names of their classes."""
+    watched = {type(watcher).__name__: watcher.state() for watcher in watchers}
+    write_json(run.path / WATCHED_FILE, watched)
+
+
 def _in_one_line(error: Exception) -> str:
     is_ours = isinstance(error, InputError | RunFailedError)  # their messages are meant for people
     plain = _ESCAPE_CODE.sub("", in_one_line(error) if is_ours else kind_and_reason(error))
@@ -169,6 +185,7 @@ def _learn(
     reporter: Reporter,
     trackers: Sequence[SafeTracker],
     interruption: Interruption,
+    watchers: Sequence[EpisodeCallback],
 ) -> LearnedPolicy:
     """Build the learner, restore it if the run is resumed, and train it; update ``outcome``."""
     set_up_torch(config.training.threads)
@@ -206,6 +223,7 @@ def _learn(
             schedule_episodes(config),
             None if is_maddpg(config) else config.ppo.entropy_coef,
         ),
+        *watchers,
         Checkpoints(config.checkpoint.every_episodes, save, lambda: interruption.requested),
     ]
     if reset_and_finetune is not None:

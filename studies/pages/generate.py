@@ -15,6 +15,7 @@ from orchid_uav.experiments.planning.settings import PlanConfig
 from orchid_uav.experiments.presets import PRESETS
 from studies.pages.ablation import ABLATION_BLOCKS, draw_ablations
 from studies.pages.batches import BATCHES_BLOCKS
+from studies.pages.claims import CLAIMS_BLOCKS
 from studies.pages.deployment import draw_deployment
 from studies.pages.evaluation import BLOCKS, draw_studies, record_sources
 from studies.pages.findings import FINDING_BLOCKS
@@ -111,6 +112,7 @@ def pages() -> dict[Path, str]:
     }
     blocks = {**BLOCKS, **ABLATION_BLOCKS, **VALIDATION_BLOCKS, **FINDING_BLOCKS}
     blocks |= {**PENDULUM_BLOCKS, **BATCHES_BLOCKS, **FLYING_BLOCKS, **PLANNING_BLOCKS}
+    blocks |= CLAIMS_BLOCKS
     for name, (path, content) in blocks.items():
         text = texts.get(path) or path.read_text(encoding="utf-8")
         texts[path] = replace_block(text, name, content())

@@ -534,3 +534,59 @@ class TestEpisodes:
         diagnostics.observe()
         for array, kept in zip(world.arrays, before, strict=True):
             np.testing.assert_array_equal(array, kept)
+
+
+class TestDistanceFromTheStart:
+    def test_is_what_positions_say(self):
+        world, diagnostics = begun({"user_speed_mps": 5.0}, worlds=2, seed=3)
+        starts = world.arrays.positions_m.copy()
+        generator, seen = np.random.default_rng(4), []
+        for _ in range(5):
+            world.step(generator.uniform(-1, 1, (2, 6, 4)))
+            diagnostics.observe()
+            moved = world.arrays.positions_m - starts
+            seen.append([np.mean([math.dist(one, (0, 0, 0)) for one in own]) for own in moved])
+        measured = [diagnostics.episode_metrics(index)["displacement_m"] for index in range(2)]
+        np.testing.assert_allclose(measured, np.mean(seen, axis=0), rtol=1e-12)
+
+    def test_is_none_in_hover_and_counts_from_the_episode_s_beginning(self):
+        world, diagnostics = begun({})
+        for _ in range(3):
+            world.step(np.zeros((1, 6, 4)))
+            diagnostics.observe()
+        assert diagnostics.episode_metrics(0)["displacement_m"] == 0.0
+        world.step(np.full((1, 6, 4), 0.5))
+        before = world.arrays.positions_m.copy()
+        diagnostics.begin()  # figures from here on, but the episode began earlier
+        world.step(np.zeros((1, 6, 4)))
+        diagnostics.observe()
+        np.testing.assert_array_equal(world.arrays.positions_m, before)
+        assert diagnostics.episode_metrics(0)["displacement_m"] > 1.0
+
+
+class TestUsersSnr:
+    def test_is_that_of_the_served_users_links(self):
+        world, diagnostics = begun({"user_speed_mps": 5.0, "required_snr_db": 20.0}, seed=5)
+        seen = []
+        for _ in range(3):
+            world.step(np.zeros((1, 6, 4)))
+            diagnostics.observe()
+            snapshot = world.snapshot()
+            setting, own = setting_of(world.parameters), []
+            for user, uav in zip(snapshot["users_m"], snapshot["association"], strict=True):
+                if uav >= 0:
+                    place = snapshot["uav_positions_m"][uav].tolist()
+                    power_w = float(snapshot["transmit_powers_w"][uav])
+                    snr = independent.access_snr(setting, place, power_w, user.tolist())
+                    own.append(10.0 * math.log10(snr))
+            assert 0 < len(own) < 100
+            assert min(own) >= 20.0
+            seen.append(np.mean(own))
+        measured = diagnostics.episode_metrics(0)["user_snr_db"]
+        assert measured == pytest.approx(np.mean(seen), abs=1e-9)
+
+    def test_is_unknown_where_nobody_is_served(self):
+        world, diagnostics = begun({"required_snr_db": 150.0})
+        world.step(np.zeros((1, 6, 4)))
+        diagnostics.observe()
+        assert math.isnan(diagnostics.episode_metrics(0)["user_snr_db"])

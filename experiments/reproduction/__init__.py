@@ -1,0 +1,1 @@
+"""The paper, claim by claim: trainings, flights, claims with their verdicts, figures, a report."""

@@ -1,0 +1,323 @@
+"""The paper's claims, in our own short words; ``docs/claims.md`` says how they are decided."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+from orchid_uav.envs.parameters import Distribution
+from orchid_uav.experiments.reproduction import checks
+from orchid_uav.experiments.reproduction.verdicts import Check
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A claim of the paper, or a question that it leaves open."""
+
+    key: str
+    says: str
+    """In our own words, short."""
+    where: str
+    """Section or figure of the paper."""
+    figure: str
+    """Our figure that shows it; empty if none does."""
+    checks: Callable[[Distribution], Iterable[Check]]
+    """The comparisons that decide it, for one distribution of users."""
+    by_distribution: bool = False
+    """Whether it is judged for uniform users as well; the verdict is that of TCP."""
+    note: str = ""
+    """What has to be known to read the verdict."""
+
+
+_NOT_DISCRIMINATING = "Tells nothing apart: a fleet that does nothing covers as much."
+_NO_SEEDS = "Hovering has no training seed: there the unit is the topology."
+
+CLAIMS: tuple[Claim, ...] = (
+    Claim(
+        "c1",
+        "Hovering at the centroids has the highest training reward and the highest "
+        "fairness of rates and loads.",
+        "VI-C, Fig. 3",
+        "fig3",
+        checks.c1,
+        note="Rewards are compared within one objective alone, on the very topologies of the "
+        "training and at its progress τ.",
+    ),
+    Claim(
+        "c2",
+        "ORCHID's energy efficiency is competitive with hovering's.",
+        "VI-C, Fig. 3",
+        "fig3",
+        checks.c2,
+        note="In training, noise moves the UAVs, and flying takes less power than hovering.",
+    ),
+    Claim(
+        "c3",
+        "MAPPO learns more steadily than MADDPG in the early episodes.",
+        "VI-C, Fig. 3",
+        "fig3",
+        checks.c3,
+    ),
+    Claim(
+        "c4",
+        "Without Reset-and-Finetune, energy efficiency and load fairness fall after "
+        "some 200 episodes; with it they do not, and end higher.",
+        "VI-C, Fig. 3",
+        "fig3",
+        checks.c4,
+    ),
+    Claim(
+        "c5",
+        "Coverage stays near 1 for 50 to 200 users.",
+        "VI-D1, Fig. 4",
+        "fig4",
+        checks.c5,
+        by_distribution=True,
+        note=_NOT_DISCRIMINATING,
+    ),
+    Claim(
+        "c6",
+        "Energy efficiency grows with the number of users.",
+        "VI-D1, Fig. 4",
+        "fig4",
+        checks.c6,
+        by_distribution=True,
+        note="A cell's throughput is its band times a mean of spectral efficiencies, however "
+        "many users share it (full buffers).",
+    ),
+    Claim(
+        "c7",
+        "MADDPG with max-min shares has a higher energy efficiency than with proportional ones.",
+        "VI-D1, Fig. 4",
+        "fig4",
+        checks.c7,
+        by_distribution=True,
+    ),
+    Claim(
+        "c8",
+        "Hovering has the lowest energy efficiency.",
+        "VI-D1, Fig. 4",
+        "fig4",
+        checks.c8,
+        by_distribution=True,
+    ),
+    Claim(
+        "c9",
+        "Of the methods that move, ORCHID's energy efficiency spreads least.",
+        "VI-D1, Fig. 4",
+        "fig4",
+        checks.c9,
+        by_distribution=True,
+    ),
+    Claim(
+        "c10",
+        "ORCHID is fairer than both MADDPG baselines.",
+        "VI-D1, Fig. 4",
+        "fig4",
+        checks.c10,
+        by_distribution=True,
+    ),
+    Claim(
+        "c11",
+        "The order of energy efficiencies (c7, c8) holds for 4 to 10 UAVs.",
+        "VI-D2, Fig. 5",
+        "fig5",
+        checks.c11,
+        by_distribution=True,
+    ),
+    Claim(
+        "c12",
+        "ORCHID's energy efficiency spreads least for 4 to 10 UAVs.",
+        "VI-D2, Fig. 5",
+        "fig5",
+        checks.c12,
+        by_distribution=True,
+    ),
+    Claim(
+        "c13",
+        "ORCHID is fairer than both MADDPG baselines for 4 to 10 UAVs.",
+        "VI-D2, Fig. 5",
+        "fig5",
+        checks.c13,
+        by_distribution=True,
+    ),
+    Claim(
+        "c14",
+        "Coverage stays 1 with users of up to 15 m/s.",
+        "VI-E, Fig. 6",
+        "fig6",
+        checks.c14,
+        by_distribution=True,
+        note=_NOT_DISCRIMINATING,
+    ),
+    Claim(
+        "c15",
+        "Hovering's fairness falls and spreads as users walk faster; ORCHID's does not.",
+        "VI-E, Fig. 6",
+        "fig6",
+        checks.c15,
+        by_distribution=True,
+        note=_NO_SEEDS,
+    ),
+    Claim(
+        "c16",
+        "From random starts the reward is higher, energy efficiency and load fairness "
+        "are lower, and both spread more.",
+        "VI-F, Fig. 7",
+        "fig7",
+        checks.c16,
+    ),
+    Claim(
+        "c17",
+        "Over 1,000 episodes max-min and proportional shares reach the same mean "
+        "fairness of rates.",
+        "VI-G, Fig. 8",
+        "fig8",
+        checks.c17,
+        note="Both with up to three resets.",
+    ),
+    Claim(
+        "c18",
+        "Max-min shares give the higher energy efficiency.",
+        "VI-G, Fig. 8",
+        "fig8",
+        checks.c18,
+        note="Both with up to three resets.",
+    ),
+    Claim(
+        "c19",
+        "Max-min shares raise the floor under the worst user's rate.",
+        "VI-G, Fig. 8",
+        "fig8",
+        checks.c19,
+        note="Both with up to three resets.",
+    ),
+    Claim(
+        "c20",
+        "Training drives the association towards a stable one: fewer blocking pairs.",
+        "V-B, Theorem 1",
+        "",
+        checks.c20,
+        by_distribution=True,
+        note="Blocking pairs in the usual sense; beside the twin, which was not trained.",
+    ),
+    Claim(
+        "c21",
+        "Max-min shares spread the UAVs more than proportional ones.",
+        "VI-G",
+        "fig8",
+        checks.c21,
+        note="The paper's central thesis, measured as the distance to the nearest other UAV.",
+    ),
+    Claim(
+        "c22",
+        "With proportional shares users sit at a higher SNR.",
+        "VI-G, Remark 2",
+        "fig8",
+        checks.c22,
+    ),
+    Claim(
+        "c23",
+        "MADDPG's mean energy efficiency is above ORCHID's.",
+        "VI-D, VI-E",
+        "fig4",
+        checks.c23,
+        by_distribution=True,
+    ),
+    Claim(
+        "c24",
+        "Hovering's energy efficiency falls as users walk faster.",
+        "VI-E, Fig. 6",
+        "fig6",
+        checks.c24,
+        by_distribution=True,
+        note=_NO_SEEDS,
+    ),
+    Claim(
+        "c25",
+        "Over 4 to 10 UAVs hovering is the fairest in the mean, and spreads most.",
+        "VI-D2, Fig. 5",
+        "fig5",
+        checks.c25,
+        by_distribution=True,
+    ),
+    Claim(
+        "c26",
+        "The fairness of MADDPG with max-min shares spreads less than ORCHID's.",
+        "VI-D1, Fig. 4",
+        "fig4",
+        checks.c26,
+        by_distribution=True,
+    ),
+    Claim(
+        "c27",
+        "Scaling learning rates by κ scales the variance of updates by κ².",
+        "IV-D",
+        "",
+        checks.c27,
+    ),
+    Claim(
+        "c28",
+        "Phase II mends what errors of localisation spoil in Phase I.",
+        "IV-B",
+        "",
+        checks.c28,
+        by_distribution=True,
+    ),
+    Claim(
+        "c29",
+        "Proportional shares congest the backhaul.",
+        "VI-G",
+        "",
+        checks.c29,
+        note="Nothing in the model limits what a backhaul carries.",
+    ),
+)
+"""The paper's, in its order."""
+
+QUESTIONS: tuple[Claim, ...] = (
+    Claim(
+        "q1",
+        "The trained policy of the paper is better than doing nothing.",
+        "not asked",
+        "",
+        checks.q1,
+    ),
+    Claim(
+        "q2",
+        "Reset-and-Finetune makes the paper's policy better.",
+        "IV-D",
+        "",
+        checks.q2,
+    ),
+    Claim(
+        "q3",
+        "What Reset-and-Finetune gains, none of its controls gains.",
+        "not asked",
+        "",
+        checks.q3,
+        note="Clearing the optimizer alone; lowering the rates alone; both at a random time; "
+        "a linear decay to the same rates.",
+    ),
+    Claim(
+        "q4",
+        "Where learning moves something, the trained policy is better than doing nothing.",
+        "not asked",
+        "fig6",
+        checks.q4,
+        note="On stations, among users that walk.",
+    ),
+    Claim(
+        "q5",
+        "Where learning moves something, Reset-and-Finetune makes the policy better.",
+        "IV-D",
+        "",
+        checks.q5,
+    ),
+    Claim(
+        "q6",
+        "There, none of its controls gains what it gains.",
+        "not asked",
+        "",
+        checks.q6,
+    ),
+)
+"""What the paper does not ask, or not where an answer can be had, by the same rules."""

@@ -1,0 +1,172 @@
+"""A row as a job: its run is trained if it is not complete, then flown, then written down.
+
+Other processes start it as ``python -m orchid_uav.experiments.reproduction.job FILE``.
+"""
+
+import os
+import shutil
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from orchid_uav.experiments.errors import InputError
+from orchid_uav.experiments.interruption import interruption_requests
+from orchid_uav.experiments.jobs.workload import Job
+from orchid_uav.experiments.reproduction.rows import Row, row_path, write_row
+from orchid_uav.experiments.reproduction.settings import (
+    QUICK_CASES,
+    QUICK_TOPOLOGIES,
+    TOPOLOGIES,
+    flown_by,
+)
+from orchid_uav.experiments.reproduction.trainings import SEEDS, TRAININGS
+from orchid_uav.experiments.training.job import TrainingJob, run_as_job, run_one
+from orchid_uav.storage.files import read_document, write_json
+
+HOVERING = {"static-mmf": "orchid", "static-pf": "maddpg-pf"}
+"""Rules whose curve stands beside those of trainings, and the training whose reward they share."""
+RULES = (
+    *("static-mmf", "static-pf", "loiter-mmf", "balanced-loiter", "track"),
+    *("balanced-loiter-120", "best-response"),
+)
+"""Rules that are flown beside the trained methods."""
+_TRAINED_SHARE = 0.75
+"""Rough share of a job's time that goes into the training."""
+
+
+@dataclass(frozen=True)
+class RowJob:
+    """A row that shall exist in the end."""
+
+    method: str
+    seed: int | None
+    """None for the flights of a rule."""
+    rows: Path
+    """The folder of all rows."""
+    runs: Path
+    """The folder of all runs."""
+    is_quick: bool = False
+
+    @property
+    def name(self) -> str:
+        """The job's name."""
+        return self.method if self.seed is None else f"{self.method}-s{self.seed}"
+
+    @property
+    def is_done(self) -> bool:
+        """Whether the row exists."""
+        return row_path(self.rows, self.method, self.seed).exists()
+
+    @property
+    def minutes(self) -> float:
+        """Minutes of one core that it takes, roughly."""
+        if self.seed is None:
+            return 4.0 if self.method == "best-response" else 0.5
+        return TRAININGS[self.method].minutes if self.method in TRAININGS else 0.2
+
+    def training_job(self) -> TrainingJob | None:
+        """The run that it needs; None for a rule."""
+        if self.seed is None or self.method not in TRAININGS:
+            return None
+        training = TRAININGS[self.method]
+        config = training.config(self.seed, self.is_quick)
+        return TrainingJob(self.method, config, self.runs, training.command(self.seed))
+
+    def as_job(self, folder: Path) -> Job:
+        """Describe the process that makes the row; its order and log are kept in ``folder``."""
+        order = folder / f"{self.name}.json"
+        write_json(
+            order,
+            {
+                "method": self.method,
+                "seed": self.seed,
+                # Not absolute: a folder above may have a name that is not valid text for JSON.
+                "rows": os.path.relpath(self.rows.resolve(), folder.resolve()),
+                "runs": os.path.relpath(self.runs.resolve(), folder.resolve()),
+                "is_quick": self.is_quick,
+            },
+        )
+        return Job(
+            name=self.name,
+            command=(
+                *(sys.executable, "-P", "-m", "orchid_uav.experiments.reproduction.job"),
+                str(order),
+            ),
+            log=folder / f"{self.name}.log",
+            fraction_done=self._fraction_done(),
+            cost=self.minutes,
+        )
+
+    def _fraction_done(self) -> Callable[[], float]:
+        training = self.training_job()
+        trained = training.fraction_done() if training else lambda: 0.0
+
+        def fraction_done() -> float:
+            return 1.0 if self.is_done else _TRAINED_SHARE * trained()
+
+        return fraction_done
+
+    @classmethod
+    def read(cls, order: Path) -> "RowJob":
+        """Read a job from a file that :meth:`as_job` wrote.
+
+        Raises:
+            InputError: the file is not one of those.
+        """
+        try:
+            document = read_document(order)
+            rows, runs = ((order.parent / document[name]).resolve() for name in ("rows", "runs"))
+            return cls(document["method"], document["seed"], rows, runs, document["is_quick"])
+        except (OSError, ValueError, LookupError, TypeError) as error:
+            raise InputError(f"{order} is not the order of a row: {error}") from error
+
+
+def make_row(job: RowJob) -> int:
+    """Make the row, unless it exists.
+
+    Returns:
+        0, or 130 if it was interrupted; what was done is then kept.
+
+    Raises:
+        InputError: the run cannot be begun or resumed.
+        RunFailedError: the run failed.
+    """
+    if job.is_done:
+        return 0
+    from orchid_uav.experiments.reproduction.measuring import watchers
+
+    training = job.training_job()
+    if training is not None and (code := run_one(training, watchers(training.config))):
+        return code
+    with interruption_requests() as interruption:
+        row = _measured(job, training, lambda: interruption.requested)
+    if job.is_quick:
+        row = row.model_copy(update={"is_quick": True})
+    write_row(job.rows, row)
+    if training is not None and (run := training.completed()):
+        shutil.rmtree(run / "checkpoints", ignore_errors=True)  # a complete run needs none
+    return 0
+
+
+def _measured(job: RowJob, training: TrainingJob | None, stop: Callable[[], bool]) -> Row:
+    from orchid_uav.experiments.reproduction import measuring
+
+    topologies = QUICK_TOPOLOGIES if job.is_quick else TOPOLOGIES
+    if job.seed is None:
+        cases = QUICK_CASES if job.is_quick else flown_by("everything")
+        return measuring.row_of_rule(job.method, cases, topologies, stop)
+    if training is None:
+        own = TRAININGS[HOVERING[job.method]].config(job.seed, job.is_quick)
+        return measuring.row_of_hovering(job.method, own)
+    run = training.completed()
+    if run is None:
+        raise InputError(f"run {training.key} has disappeared from {job.runs}")
+    of_method = TRAININGS[job.method]
+    cases = QUICK_CASES if job.is_quick else flown_by(of_method.flown)
+    is_first = job.seed == SEEDS[0]
+    return measuring.row_of_run(of_method, run, job.seed, cases, topologies, is_first, stop)
+
+
+if __name__ == "__main__":
+    run_as_job(lambda order: make_row(RowJob.read(order)))

@@ -1,0 +1,141 @@
+"""From values per seed to findings, and from findings to verdicts."""
+
+import numpy as np
+import pytest
+from scipy.stats import ttest_1samp
+
+from orchid_uav.experiments.reproduction.checks import MARGINS
+from orchid_uav.experiments.reproduction.claims import CLAIMS, QUESTIONS
+from orchid_uav.experiments.reproduction.evidence import Evidence
+from orchid_uav.experiments.reproduction.verdicts import (
+    Check,
+    judge_checks,
+    p_beyond,
+    verdict_of,
+)
+
+SEEDS = range(10)
+NOISE = np.array([-0.9, 0.4, 1.1, -0.3, 0.7, -1.2, 0.2, 0.9, -0.6, -0.3]) * 0.01
+
+
+def judged(expected: str, difference, margin: float = 0.02, of: int = 10):
+    """A check whose other side is 0.5 for all seeds."""
+    one = 0.5 + np.broadcast_to(difference, 10).astype(float)
+    one[of:] = np.nan
+    check = Check(
+        "one beside another",
+        "rate_jfi",
+        expected,
+        margin,
+        lambda _: one,
+        lambda evidence: np.full(len(evidence.seeds), 0.5),
+    )
+    [found] = judge_checks([check], Evidence([], SEEDS))
+    return found
+
+
+class TestAFinding:
+    @pytest.mark.parametrize(
+        ("expected", "mean", "finding"),
+        [
+            ("higher", 0.1, "yes"),
+            ("higher", -0.1, "no"),
+            ("higher", 0.0, "no"),  # shown to be within the margin
+            ("higher", 0.005, "no"),
+            ("lower", -0.1, "yes"),
+            ("lower", 0.1, "no"),
+            ("lower", 0.0, "no"),
+            ("equal", 0.0, "yes"),
+            ("equal", 0.1, "no"),
+            ("equal", -0.1, "no"),
+            ("not lower", 0.1, "yes"),
+            ("not lower", 0.0, "yes"),
+            ("not lower", -0.1, "no"),
+            ("not higher", -0.1, "yes"),
+            ("not higher", 0.0, "yes"),
+            ("not higher", 0.1, "no"),
+        ],
+    )
+    def test_of_a_clear_difference(self, expected, mean, finding):
+        assert judged(expected, mean + NOISE).finding == finding
+
+    @pytest.mark.parametrize("expected", ["higher", "lower", "equal", "not lower", "not higher"])
+    def test_is_open_where_seeds_scatter_far_more_than_the_margin(self, expected):
+        found = judged(expected, 20.0 * NOISE)
+        assert found.finding == "undecided"
+        assert found.least_detectable_effect > 0.05
+
+    @pytest.mark.parametrize("expected", ["higher", "lower", "equal", "not lower", "not higher"])
+    def test_needs_ten_pairs(self, expected):
+        found = judged(expected, 0.1 + NOISE, of=9)
+        assert (found.finding, found.n, found.units) == ("undecided", 9, 10)
+
+    def test_may_be_yes_though_its_mean_is_within_a_margin_that_is_not_shown(self):
+        found = judged("higher", 0.018 + NOISE)
+        assert found.finding == "yes"
+        assert found.difference == pytest.approx(0.018)
+
+    def test_has_no_units_where_a_side_was_not_flown(self):
+        check = Check("c", "rate_jfi", "lower", 0.1, lambda _: np.ones(100), lambda _: np.empty(0))
+        [found] = judge_checks([check], Evidence([], SEEDS))
+        assert (found.finding, found.n, found.one) == ("undecided", 0, None)
+
+
+def test_tests_of_a_claim_are_one_family():
+    def check(number: float) -> Check:
+        values = number + NOISE
+        return Check("c", "rate_jfi", "higher", 1e-6, lambda _: values, lambda _: np.zeros(10))
+
+    alone = judge_checks([check(0.0065)], Evidence([], SEEDS))
+    assert alone[0].finding == "undecided" or alone[0].p_holm <= 0.05
+    together = judge_checks([check(0.0065)] * 4, Evidence([], SEEDS))
+    assert [one.p_holm for one in together] == [pytest.approx(min(1.0, 4 * alone[0].p_holm))] * 4
+
+
+@pytest.mark.parametrize("margin", [0.002, 0.02])
+def test_being_beyond_a_margin_is_a_one_sided_t_test(margin):
+    differences = NOISE - 0.004
+    reference = ttest_1samp(differences, -margin, alternative="greater").pvalue
+    assert p_beyond(differences, margin) == pytest.approx(reference)
+
+
+def test_equal_differences_are_exact():
+    assert p_beyond(np.full(10, -0.25), 0.5) == 0.0
+    assert p_beyond(np.full(10, -0.75), 0.5) == 1.0
+
+
+@pytest.mark.parametrize(
+    ("findings", "verdict"),
+    [
+        (["yes"], "holds"),
+        (["yes", "yes"], "holds"),
+        (["yes", "no"], "partly"),
+        (["yes", "no", "undecided"], "partly"),
+        (["no"], "does not hold"),
+        (["no", "undecided"], "does not hold"),
+        (["yes", "undecided"], "undecided"),
+        (["undecided"], "undecided"),
+        ([], "not testable in this model"),
+    ],
+)
+def test_findings_make_a_verdict(findings, verdict):
+    assert verdict_of(findings) == verdict
+
+
+class TestTheClaims:
+    def test_are_the_papers_and_ours(self):
+        assert [claim.key for claim in CLAIMS] == [f"c{number}" for number in range(1, 30)]
+        assert [claim.key for claim in QUESTIONS] == [f"q{number}" for number in range(1, 7)]
+
+    @pytest.mark.parametrize("claim", [*CLAIMS, *QUESTIONS], ids=lambda claim: claim.key)
+    def test_are_undecided_without_rows(self, claim):
+        for distribution in ("tcp", "uniform"):
+            found = judge_checks(list(claim.checks(distribution)), Evidence([]))
+            assert {one.finding for one in found} <= {"undecided"}
+            assert all(one.margin > 0.0 for one in found)
+            assert len({(one.what, one.metric) for one in found}) == len(found)
+        assert (len(found) == 0) == (claim.key == "c29")
+
+    def test_margins_are_of_known_metrics(self):
+        for claim in (*CLAIMS, *QUESTIONS):
+            assert {check.metric for check in claim.checks("tcp")} <= set(MARGINS)
