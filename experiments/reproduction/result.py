@@ -1,0 +1,271 @@
+"""``claims.json``: what all rows together say, as a typed document."""
+
+from collections.abc import Iterable, Sequence
+from statistics import median
+
+import numpy as np
+from pydantic import Field
+
+from orchid_uav.envs.parameters import Distribution
+from orchid_uav.experiments.ablation.design import TOLERANCES, WINDOWS
+from orchid_uav.experiments.reproduction import settings
+from orchid_uav.experiments.reproduction.checks import MARGINS, UTILITY
+from orchid_uav.experiments.reproduction.claims import CLAIMS, QUESTIONS, Claim
+from orchid_uav.experiments.reproduction.evidence import Evidence, Floats
+from orchid_uav.experiments.reproduction.rows import Row
+from orchid_uav.experiments.reproduction.settings import DISTRIBUTIONS
+from orchid_uav.experiments.reproduction.trainings import SEEDS, TRAININGS
+from orchid_uav.experiments.reproduction.verdicts import (
+    Judgement,
+    Verdict,
+    judge_checks,
+    verdict_of,
+)
+from orchid_uav.experiments.statistics.comparison import (
+    Comparison,
+    SeedSummary,
+    compare_pairs,
+    describe_seeds,
+)
+from orchid_uav.experiments.statistics.results import ResultHeader
+from orchid_uav.storage.documents import Document
+
+SCHEMA = 1
+SENSITIVITIES = (
+    *("orchid-kappa-0.1", "orchid-shares-se", "orchid-shares-pf", "orchid-10mhz", "orchid-20mhz"),
+    *("orchid-n-init-10", "orchid-log-std-1", "orchid-log-std-2", "orchid-uniform"),
+)
+"""Trainings that differ from ``orchid`` in one of the choices that the paper leaves open."""
+TABLED = (
+    *("coverage", "energy_efficiency_bit_per_joule", "rate_jfi", "load_jfi", "worst_rate_bps"),
+    *("utility", "displacement_m", "nearest_uav_m", "user_snr_db", "blocking_pairs", "collisions"),
+)
+"""Metrics in the tables of methods."""
+
+
+class Judged(Document):
+    """The verdict for one distribution of users, and what it rests on."""
+
+    verdict: Verdict | None
+    """None in a quick run, which gives no verdicts."""
+    checks: list[Judgement]
+
+
+class JudgedClaim(Document):
+    """A claim, or a question, with its verdict."""
+
+    key: str
+    says: str
+    where: str
+    figure: str
+    note: str
+    tcp: Judged
+    uniform: Judged | None
+
+
+class FlownMethod(Document):
+    """A method in the paper's network, over its seeds."""
+
+    method: str
+    purpose: str
+    seeds: int
+    """Seeds that were trained; 0 for a rule."""
+    deterministic: dict[str, SeedSummary]
+    sampled: dict[str, SeedSummary] = Field(default_factory=dict)
+    twin: dict[str, float] = Field(default_factory=dict)
+    """Means of the zero-action twin; of a rule there is none."""
+    reset_episodes: list[list[int]] = Field(default_factory=list)
+    """By seed."""
+    actor_latency_us: float | None = None
+
+
+class Sensitivity(Document):
+    """What another choice changes: the utility gained over the method's own zero-action twin."""
+
+    method: str
+    purpose: str
+    gained: SeedSummary
+    gained_by_orchid: SeedSummary
+    difference: Comparison
+
+
+class FalseAlarms(Document):
+    """In how many runs of a policy that learns nothing the trigger fires."""
+
+    window: int
+    tolerance: float
+    runs: int
+    fired: int
+    median_episode: float | None
+
+
+class Reproduction(ResultHeader):
+    """The content of ``claims.json``."""
+
+    is_quick: bool
+    seeds: list[int]
+    topologies: int
+    rows: dict[str, list[int]]
+    """Seeds with a row, by method; no seed for a rule."""
+    missing: int
+    """Rows that there should be and are not."""
+    hours: float
+    """Of one core, for all of the rows."""
+    commits: list[str]
+    """Commits of the code that made the rows."""
+    processors: list[str]
+    claims: list[JudgedClaim]
+    questions: list[JudgedClaim]
+    methods: list[FlownMethod]
+    sensitivities: list[Sensitivity]
+    false_alarms: list[FalseAlarms]
+
+
+def judged(claim: Claim, evidence: Evidence, is_quick: bool) -> JudgedClaim:
+    """A claim with its verdict, for both distributions where it has both."""
+
+    def of(distribution: Distribution) -> Judged:
+        found = judge_checks(list(claim.checks(distribution)), evidence)
+        verdict = verdict_of([one.finding for one in found])
+        return Judged(verdict=None if is_quick else verdict, checks=found)
+
+    tcp, uniform = (of(distribution) for distribution in DISTRIBUTIONS)
+    return JudgedClaim(
+        key=claim.key,
+        says=claim.says,
+        where=claim.where,
+        figure=claim.figure,
+        note=claim.note,
+        tcp=tcp,
+        uniform=uniform if claim.by_distribution else None,
+    )
+
+
+def claims_and_questions(
+    evidence: Evidence, is_quick: bool
+) -> tuple[list[JudgedClaim], list[JudgedClaim]]:
+    """All of the paper's claims, and the questions that it leaves open."""
+    claims, questions = (
+        [judged(claim, evidence, is_quick) for claim in some] for some in (CLAIMS, QUESTIONS)
+    )
+    return claims, questions
+
+
+def flown_methods(evidence: Evidence) -> list[FlownMethod]:
+    """Every method that has a row, in the paper's network: trained ones first."""
+    present = evidence.methods()
+    trained = [key for key in TRAININGS if key in present]
+    rules = [key for key in sorted(present) if evidence.rule(key) is not None]
+    return [
+        *(_trained(key, evidence) for key in trained),
+        *(
+            FlownMethod(method=key, purpose="", seeds=0, deterministic=_summaries(key, evidence))
+            for key in rules
+        ),
+    ]
+
+
+def _trained(key: str, evidence: Evidence) -> FlownMethod:
+    rows = evidence.rows(key)
+    base = [settings.base("tcp")]
+    latencies = [row.actor_latency_us for row in rows if row.actor_latency_us is not None]
+    twin = {metric: evidence.flown(f"{key}-zero", metric, base)[0] for metric in TABLED}
+    return FlownMethod(
+        method=key,
+        purpose=TRAININGS[key].purpose,
+        seeds=len(rows),
+        deterministic=_summaries(key, evidence),
+        sampled=_summaries(key, evidence, deterministic=False),
+        twin={metric: float(value) for metric, value in twin.items() if np.isfinite(value)},
+        reset_episodes=[row.reset_episodes for row in rows],
+        actor_latency_us=median(latencies) if latencies else None,
+    )
+
+
+def _summaries(key: str, evidence: Evidence, deterministic: bool = True) -> dict[str, SeedSummary]:
+    base = [settings.base("tcp")]
+    return {
+        metric: describe_seeds(evidence.flown(key, metric, base, deterministic=deterministic))
+        for metric in TABLED
+    }
+
+
+def sensitivities(evidence: Evidence) -> list[Sensitivity]:
+    """What each open choice changes, as far as it was trained."""
+    base = [settings.base("tcp")]
+
+    def gained(key: str) -> Floats:
+        return evidence.flown(key, UTILITY, base) - evidence.flown(f"{key}-zero", UTILITY, base)
+
+    own = gained("orchid")
+    return [
+        Sensitivity(
+            method=key,
+            purpose=TRAININGS[key].purpose,
+            gained=describe_seeds(gained(key)),
+            gained_by_orchid=describe_seeds(own),
+            difference=compare_pairs(own, gained(key), "higher", MARGINS[UTILITY]),
+        )
+        for key in SENSITIVITIES
+        if evidence.rows(key)
+    ]
+
+
+def false_alarms(rows: Sequence[Row]) -> list[FalseAlarms]:
+    """Firings on runs that learn nothing, by window and tolerance."""
+    table = []
+    for window in WINDOWS:
+        for tolerance in TOLERANCES:
+            episodes = [
+                firing.episode
+                for row in rows
+                for firing in row.firings
+                if (firing.window, firing.tolerance) == (window, tolerance)
+            ]
+            fired = [episode for episode in episodes if episode is not None]
+            table.append(
+                FalseAlarms(
+                    window=window,
+                    tolerance=tolerance,
+                    runs=len(episodes),
+                    fired=len(fired),
+                    median_episode=float(median(fired)) if fired else None,
+                )
+            )
+    return table if rows else []
+
+
+def seeds_by_method(rows: Iterable[Row]) -> dict[str, list[int]]:
+    """Seeds that have a row, by method."""
+    found: dict[str, list[int]] = {}
+    for row in rows:
+        seeds = found.setdefault(row.method, [])
+        if row.seed is not None:
+            seeds.append(row.seed)
+    return {method: sorted(seeds) for method, seeds in sorted(found.items())}
+
+
+def reproduction(
+    header: ResultHeader, rows: Sequence[Row], missing: int, topologies: int, is_quick: bool
+) -> Reproduction:
+    """Everything that the rows say."""
+    seeds = sorted({row.seed for row in rows if row.seed is not None}) if is_quick else SEEDS
+    evidence = Evidence(rows, seeds)
+    claims, questions = claims_and_questions(evidence, is_quick)
+    seconds = sum((row.seconds_trained or 0.0) + (row.seconds_flown or 0.0) for row in rows)
+    return Reproduction(
+        **header.to_json(),
+        is_quick=is_quick,
+        seeds=list(seeds),
+        topologies=topologies,
+        rows=seeds_by_method(rows),
+        missing=missing,
+        hours=round(seconds / 3600.0, 1),
+        commits=sorted({row.versions["git_commit"] or "unknown" for row in rows}),
+        processors=sorted({str(row.host["processor"]) for row in rows}),
+        claims=claims,
+        questions=questions,
+        methods=flown_methods(evidence),
+        sensitivities=sensitivities(evidence),
+        false_alarms=false_alarms(evidence.rows("orchid-frozen")),
+    )
