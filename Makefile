@@ -9,7 +9,7 @@ ROOMS := src envs agents callbacks experiments orchid_cli
 JOBS ?= 2
 
 .DEFAULT_GOAL := help
-.PHONY: help install train test test-lowest test-newest lint bench docs docs-data mutants reference studies ablation public validation fixed-batch clean FORCE
+.PHONY: help install train test test-lowest test-newest lint bench docs docs-data mutants reference studies ablation reproduce public validation fixed-batch clean FORCE
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -54,6 +54,9 @@ studies: install  ## fly the evaluations that the documentation shows; about an 
 
 ablation: install  ## ten seeds with and without Reset-and-Finetune, compared; about 1.4 hours of one core
 	$(BIN)/python -m studies.ablations
+
+reproduce: install  ## every figure and claim of the paper; many hours, prints how many, goes on where it stopped
+	$(BIN)/orchid reproduce --rows studies/results/reproduction
 
 public: .venv-benchmarl/.installed .venv-agilerl/.installed  ## build the environments of public implementations
 

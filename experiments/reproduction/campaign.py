@@ -1,73 +1,183 @@
-"""All rows of a reproduction: which are missing, how long they take, and making them."""
+"""A reproduction in its directory: which rows are missing, making them, and what they say."""
 
-from collections.abc import Iterable, Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from orchid_uav.experiments.errors import RunFailedError
+from orchid_uav.experiments.ablation.calibration import seconds_per_episode
+from orchid_uav.experiments.errors import InputError, RunFailedError
+from orchid_uav.experiments.evaluation.directory import header_of
 from orchid_uav.experiments.jobs.local_processes import Executor, JobEnd, JobProgress
 from orchid_uav.experiments.jobs.workload import last_end
+from orchid_uav.experiments.reproduction.figures.all_figures import draw_figures
 from orchid_uav.experiments.reproduction.job import HOVERING, RULES, RowJob
+from orchid_uav.experiments.reproduction.needs import FIGURES, needed_for
+from orchid_uav.experiments.reproduction.report.page import report_html
+from orchid_uav.experiments.reproduction.result import Reproduction, reproduction
+from orchid_uav.experiments.reproduction.rows import Row, read_rows
 from orchid_uav.experiments.reproduction.trainings import QUICK_SEEDS, SEEDS, TRAININGS
+from orchid_uav.experiments.statistics.results import ResultHeader, Status
 from orchid_uav.notices import reason_of
+from orchid_uav.storage.files import write_atomically, write_json
 
-ROWS_FOLDER, RUNS_FOLDER, JOBS_FOLDER = "rows", "runs", "jobs"
+DEFAULT_DIRECTORY, DEFAULT_QUICK = Path("orchid-reproduce"), Path("orchid-reproduce-quick")
+ROWS_FOLDER, RUNS_FOLDER, JOBS_FOLDER, FIGURES_FOLDER = "rows", "runs", "jobs", "figures"
+DOCUMENT_FILE, REPORT_FILE = "claims.json", "report.html"
 
 
 @dataclass(frozen=True)
 class Campaign:
-    """The rows that a reproduction needs.
+    """The rows that a reproduction needs, and the directory that it writes.
 
     Args:
         directory: of the reproduction; runs and logs of jobs are kept in it.
         rows: the folder of the rows, which may be that of another reproduction.
         is_quick: two seeds of short trainings, on few topologies.
+        only: figures and claims that are wanted; all of them by default.
+
+    Raises:
+        InputError: the directory holds something else, or a figure or claim is not known.
     """
 
     directory: Path
     rows: Path
     is_quick: bool = False
+    only: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        needed_for(self.only)
+        if not self.directory.exists():
+            return
+        is_empty = self.directory.is_dir() and not any(self.directory.iterdir())
+        if not is_empty and not (self.directory / DOCUMENT_FILE).is_file():
+            raise InputError(
+                f"--out {self.directory} holds no reproduction, and is left alone: "
+                "name a new or empty directory"
+            )
 
     @property
     def seeds(self) -> tuple[int, ...]:
         """The training seeds."""
         return QUICK_SEEDS if self.is_quick else SEEDS
 
-    def methods(self) -> list[str]:
-        """The methods that are trained."""
-        return [
-            key for key, training in TRAININGS.items() if training.in_quick or not self.is_quick
-        ]
-
     def jobs(self) -> list[RowJob]:
         """A job for every row, in the order in which they are made: rules, then by method."""
+        trained = (
+            key for key, training in TRAININGS.items() if training.in_quick or not self.is_quick
+        )
         wanted: list[tuple[str, int | None]] = [(rule, None) for rule in RULES]
-        wanted += [(method, seed) for method in (*HOVERING, *self.methods()) for seed in self.seeds]
+        wanted += [(method, seed) for method in (*HOVERING, *trained) for seed in self.seeds]
+        needed = needed_for(self.only)
         runs = self.directory / RUNS_FOLDER
-        return [RowJob(method, seed, self.rows, runs, self.is_quick) for method, seed in wanted]
+        return [
+            RowJob(method, seed, self.rows, runs, self.is_quick)
+            for method, seed in wanted
+            if method in needed
+        ]
 
     def waiting(self) -> list[RowJob]:
         """The jobs whose rows are missing."""
         return [job for job in self.jobs() if not job.is_done]
 
+    def reserve(self, command: Sequence[str]) -> None:
+        """Make the directory, and read what rows there are.
+
+        Raises:
+            InputError: it cannot be written, or a file among the rows is none.
+        """
+        rows = list(read_rows(self.rows))
+        if any(row.is_quick != self.is_quick for row in rows):
+            kind = "full" if self.is_quick else "quick"
+            raise InputError(
+                f"{self.rows} holds rows of a {kind} reproduction: name another folder"
+            )
+        try:
+            for name in ("", RUNS_FOLDER, JOBS_FOLDER, FIGURES_FOLDER):
+                (self.directory / name).mkdir(parents=True, exist_ok=True)
+            self.rows.mkdir(parents=True, exist_ok=True)
+            if not (self.directory / DOCUMENT_FILE).exists():
+                self._write(self.gathered(command, "running", rows))
+        except OSError as error:
+            raise InputError(f"cannot write to {self.directory}: {reason_of(error)}") from error
+
     def make(
-        self, jobs: Iterable[RowJob], executor: Executor, progress: JobProgress
+        self,
+        jobs: Sequence[RowJob],
+        executor: Executor,
+        progress: JobProgress,
+        minutes: Mapping[str, float],
     ) -> list[JobEnd]:
         """Make rows, and say how each job ended.
+
+        Args:
+            jobs: some of :meth:`waiting`.
+            executor: runs them.
+            progress: shows them.
+            minutes: how long each takes, by the job's name.
 
         Raises:
             RunFailedError: the directory cannot be written.
         """
-        folder = self.directory / JOBS_FOLDER
         try:
-            for path in (folder, self.directory / RUNS_FOLDER, self.rows):
-                path.mkdir(parents=True, exist_ok=True)
-            ordered = [job.as_job(folder) for job in jobs]
+            folder = self.directory / JOBS_FOLDER
+            ordered = [job.as_job(folder, minutes[job.name]) for job in jobs]
         except OSError as error:
             raise RunFailedError(f"cannot write to {self.directory}: {reason_of(error)}") from error
         return executor.run(ordered, progress) if ordered else []
 
+    def report(self, command: Sequence[str], status: Status) -> Reproduction:
+        """Draw the figures and write report and document, of the rows that there are.
 
-def hours(jobs: Sequence[RowJob], processes: int) -> float:
-    """Rough duration of jobs, with so many of them at once."""
-    return last_end([job.minutes for job in jobs], [0.0] * processes) / 60.0
+        Raises:
+            InputError: a file among the rows is none.
+            RunFailedError: the directory cannot be written.
+        """
+        rows = list(read_rows(self.rows))
+        document = self.gathered(command, status, rows)
+        try:
+            drawn = draw_figures(rows, self.directory / FIGURES_FOLDER)
+            if self.only and not set(self.only).isdisjoint(FIGURES):
+                drawn = [figure for figure in drawn if figure.key.split("_")[0] in self.only]
+            page = report_html(document, drawn)
+            write_atomically(self.directory / REPORT_FILE, page.encode())
+            self._write(document)
+        except OSError as error:
+            raise RunFailedError(f"cannot write to {self.directory}: {reason_of(error)}") from error
+        return document
+
+    def gathered(self, command: Sequence[str], status: Status, rows: Sequence[Row]) -> Reproduction:
+        """What the rows say."""
+        header = ResultHeader.from_json(header_of(list(command), status))
+        return reproduction(header, rows, len(self.waiting()), self.is_quick, self.only)
+
+    def _write(self, document: Reproduction) -> None:
+        write_json(self.directory / DOCUMENT_FILE, document.to_json())
+
+
+def measured_minutes(jobs: Sequence[RowJob]) -> dict[str, float]:
+    """How long jobs take here, by name, from some episodes of each kind of learner.
+
+    Raises:
+        RunFailedError: training fails in the first episodes.
+    """
+    paces: dict[tuple[str, str, int], float] = {}
+    minutes: dict[str, float] = {}
+    for job in jobs:
+        training = job.training_job()
+        if training is None:
+            minutes[job.name] = job.minutes
+            continue
+        config = training.config
+        kind = config.training.algorithm, config.uav.flight, config.training.worlds
+        if kind not in paces:
+            paces[kind] = seconds_per_episode(config)
+        trained_s = paces[kind] * config.training.episodes
+        minutes[job.name] = trained_s / 60.0 + job.minutes_flown
+    return minutes
+
+
+def duration_text(minutes: Sequence[float], processes: int) -> str:
+    """How long jobs take with so many of them at once, in words."""
+    total = last_end(minutes, [0.0] * processes) if minutes else 0.0
+    return f"{total / 60.0:.1f} hours" if total >= 60.0 else f"{math.ceil(total)} min"

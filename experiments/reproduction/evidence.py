@@ -38,6 +38,12 @@ class Evidence:
     def __init__(self, rows: Iterable[Row], seeds: Sequence[int] = SEEDS) -> None:
         self.seeds = tuple(seeds)
         self._rows = {(row.method, row.seed): row for row in rows}
+        self.asked: set[str] = set()
+        """Methods and rules that were asked for so far."""
+
+    def _row(self, method: str, seed: int | None) -> Row | None:
+        self.asked.add(method)
+        return self._rows.get((method, seed))
 
     def methods(self) -> set[str]:
         """The methods that have a row."""
@@ -45,12 +51,12 @@ class Evidence:
 
     def rows(self, method: str) -> list[Row]:
         """The rows of a method's seeds, as far as there are any."""
-        found = (self._rows.get((method, seed)) for seed in self.seeds)
+        found = (self._row(method, seed) for seed in self.seeds)
         return [row for row in found if row is not None]
 
     def rule(self, method: str) -> Row | None:
         """The row of a rule's flights."""
-        return self._rows.get((method, None))
+        return self._row(method, None)
 
     def flown(
         self,
@@ -68,7 +74,7 @@ class Evidence:
         is_zero = key != method
         values = [
             _over_cases(row, metric, cases, statistic, deterministic, is_zero) if row else np.nan
-            for row in (self._rows.get((key, seed)) for seed in self.seeds)
+            for row in (self._row(key, seed) for seed in self.seeds)
         ]
         if is_zero:  # it flies every case for one of the seeds alone, and alike for all of them
             known = [value for value in values if np.isfinite(value)]
@@ -142,7 +148,7 @@ class Evidence:
         return self._of_curves(method, of)
 
     def _of_curves(self, method: str, of: Callable[[Row], float]) -> Floats:
-        rows = (self._rows.get((method, seed)) for seed in self.seeds)
+        rows = (self._row(method, seed) for seed in self.seeds)
         return np.array([of(row) if row and row.curve else np.nan for row in rows], np.float64)
 
 

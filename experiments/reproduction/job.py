@@ -31,6 +31,8 @@ RULES = (
     *("balanced-loiter-120", "best-response"),
 )
 """Rules that are flown beside the trained methods."""
+_MINUTES_PER_CASE = {"direct": 0.05, "station": 0.15}
+"""Of one core, for a policy's flights in one setting."""
 _TRAINED_SHARE = 0.75
 """Rough share of a job's time that goes into the training."""
 
@@ -65,6 +67,16 @@ class RowJob:
             return 4.0 if self.method == "best-response" else 0.5
         return TRAININGS[self.method].minutes if self.method in TRAININGS else 0.2
 
+    @property
+    def minutes_flown(self) -> float:
+        """Minutes of one core that its flights take, roughly."""
+        if self.is_quick or self.seed is None or self.method not in TRAININGS:
+            return 0.2
+        training = TRAININGS[self.method]
+        each = _MINUTES_PER_CASE["station" if "informed" in self.method else "direct"]
+        twins = 2 if self.seed == SEEDS[0] else 1
+        return each * twins * len(flown_by(training.flown))
+
     def training_job(self) -> TrainingJob | None:
         """The run that it needs; None for a rule."""
         if self.seed is None or self.method not in TRAININGS:
@@ -73,7 +85,7 @@ class RowJob:
         config = training.config(self.seed, self.is_quick)
         return TrainingJob(self.method, config, self.runs, training.command(self.seed))
 
-    def as_job(self, folder: Path) -> Job:
+    def as_job(self, folder: Path, cost: float) -> Job:
         """Describe the process that makes the row; its order and log are kept in ``folder``."""
         order = folder / f"{self.name}.json"
         write_json(
@@ -95,7 +107,7 @@ class RowJob:
             ),
             log=folder / f"{self.name}.log",
             fraction_done=self._fraction_done(),
-            cost=self.minutes,
+            cost=cost,
         )
 
     def _fraction_done(self) -> Callable[[], float]:

@@ -12,6 +12,7 @@ from orchid_uav.experiments.reproduction import settings
 from orchid_uav.experiments.reproduction.checks import MARGINS, UTILITY
 from orchid_uav.experiments.reproduction.claims import CLAIMS, QUESTIONS, Claim
 from orchid_uav.experiments.reproduction.evidence import Evidence, Floats
+from orchid_uav.experiments.reproduction.needs import chosen
 from orchid_uav.experiments.reproduction.rows import Row
 from orchid_uav.experiments.reproduction.settings import DISTRIBUTIONS
 from orchid_uav.experiments.reproduction.trainings import SEEDS, TRAININGS
@@ -141,16 +142,6 @@ def judged(claim: Claim, evidence: Evidence, is_quick: bool) -> JudgedClaim:
     )
 
 
-def claims_and_questions(
-    evidence: Evidence, is_quick: bool
-) -> tuple[list[JudgedClaim], list[JudgedClaim]]:
-    """All of the paper's claims, and the questions that it leaves open."""
-    claims, questions = (
-        [judged(claim, evidence, is_quick) for claim in some] for some in (CLAIMS, QUESTIONS)
-    )
-    return claims, questions
-
-
 def flown_methods(evidence: Evidence) -> list[FlownMethod]:
     """Every method that has a row, in the paper's network: trained ones first."""
     present = evidence.methods()
@@ -246,18 +237,33 @@ def seeds_by_method(rows: Iterable[Row]) -> dict[str, list[int]]:
 
 
 def reproduction(
-    header: ResultHeader, rows: Sequence[Row], missing: int, topologies: int, is_quick: bool
+    header: ResultHeader,
+    rows: Sequence[Row],
+    missing: int,
+    is_quick: bool,
+    only: Sequence[str] = (),
 ) -> Reproduction:
-    """Everything that the rows say."""
+    """Everything that the rows say.
+
+    Args:
+        header: what every document of results begins with.
+        rows: of all methods and rules.
+        missing: how many rows there should be besides.
+        is_quick: whether they are of a quick run, which gives no verdicts.
+        only: the claims that are wanted; all of them by default.
+    """
     seeds = sorted({row.seed for row in rows if row.seed is not None}) if is_quick else SEEDS
     evidence = Evidence(rows, seeds)
-    claims, questions = claims_and_questions(evidence, is_quick)
+    claims, questions = (
+        [judged(claim, evidence, is_quick) for claim in chosen(some, only)]
+        for some in (CLAIMS, QUESTIONS)
+    )
     seconds = sum((row.seconds_trained or 0.0) + (row.seconds_flown or 0.0) for row in rows)
     return Reproduction(
         **header.to_json(),
         is_quick=is_quick,
         seeds=list(seeds),
-        topologies=topologies,
+        topologies=settings.QUICK_TOPOLOGIES if is_quick else settings.TOPOLOGIES,
         rows=seeds_by_method(rows),
         missing=missing,
         hours=round(seconds / 3600.0, 1),

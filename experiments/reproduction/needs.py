@@ -1,0 +1,56 @@
+"""Which methods a figure or a claim needs."""
+
+from collections.abc import Iterable, Sequence
+
+from orchid_uav.experiments.errors import InputError
+from orchid_uav.experiments.reproduction.claims import CLAIMS, QUESTIONS, Claim
+from orchid_uav.experiments.reproduction.evidence import Evidence
+from orchid_uav.experiments.reproduction.job import HOVERING, RULES
+from orchid_uav.experiments.reproduction.settings import DISTRIBUTIONS
+from orchid_uav.experiments.reproduction.trainings import TRAININGS
+from orchid_uav.experiments.reproduction.verdicts import judge_checks
+from orchid_uav.suggestions import unknown
+
+_PAPERS = ("orchid", "orchid-no-rf", "maddpg-mmf", "maddpg-pf")
+_SCALING = (*_PAPERS, "orchid-pf", "orchid-random-init", *RULES)
+FIGURES: dict[str, tuple[str, ...]] = {
+    "fig3": (*_PAPERS, "maddpg-mmf-paper", "maddpg-pf-paper", *HOVERING),
+    "fig4": _SCALING,
+    "fig5": _SCALING,
+    "fig6": (*_SCALING, "orchid-informed"),
+    "fig7": ("orchid", "orchid-random-init", *HOVERING),
+    "fig8": ("orchid-long", "orchid-pf"),
+}
+"""Methods and rules of the paper's figures, by the figure's key."""
+KEYS = (*FIGURES, *(claim.key for claim in (*CLAIMS, *QUESTIONS)))
+"""Everything that can be asked for alone."""
+
+
+def needed_for(only: Sequence[str]) -> set[str]:
+    """The methods and rules that figures and claims need; all of them where nothing is named.
+
+    Raises:
+        InputError: there is no such figure or claim.
+    """
+    if not only:
+        return {*TRAININGS, *RULES}
+    needed: set[str] = set()
+    claims = {claim.key: claim for claim in (*CLAIMS, *QUESTIONS)}
+    for key in only:
+        if key not in KEYS:
+            raise InputError(unknown("figure or claim", key, KEYS))
+        needed.update(FIGURES[key] if key in FIGURES else _methods_of(claims[key]))
+    return needed
+
+
+def chosen(claims: Iterable[Claim], only: Sequence[str]) -> list[Claim]:
+    """The claims among those asked for; all of them where nothing is named."""
+    return [claim for claim in claims if not only or claim.key in only]
+
+
+def _methods_of(claim: Claim) -> set[str]:
+    """The methods that a claim's checks ask for."""
+    evidence = Evidence([])
+    for distribution in DISTRIBUTIONS if claim.by_distribution else DISTRIBUTIONS[:1]:
+        judge_checks(list(claim.checks(distribution)), evidence)
+    return {method.removesuffix("-zero") for method in evidence.asked}

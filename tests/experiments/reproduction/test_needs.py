@@ -1,0 +1,57 @@
+"""Which methods figures and claims need."""
+
+import pytest
+
+from orchid_uav.experiments.errors import InputError
+from orchid_uav.experiments.reproduction.claims import CLAIMS, QUESTIONS
+from orchid_uav.experiments.reproduction.job import HOVERING, RULES
+from orchid_uav.experiments.reproduction.needs import FIGURES, chosen, needed_for
+from orchid_uav.experiments.reproduction.trainings import TRAININGS
+
+EVERYTHING = {*TRAININGS, *RULES}
+
+
+def test_everything_is_needed_for_everything():
+    assert needed_for([]) == EVERYTHING
+    assert {*HOVERING} <= {*RULES}
+
+
+@pytest.mark.parametrize(
+    ("key", "needed"),
+    [
+        ("c4", {"orchid", "orchid-no-rf"}),
+        ("c7", {"maddpg-mmf", "maddpg-pf"}),
+        ("c18", {"orchid-long", "orchid-pf"}),
+        ("c19", {"orchid-long", "orchid-pf"}),
+        ("c24", {"static-pf"}),
+        ("c27", {"orchid", "orchid-kappa-0.1"}),
+        ("c29", set()),
+        ("q1", {"orchid"}),
+        ("fig7", {"orchid", "orchid-random-init", "static-mmf", "static-pf"}),
+    ],
+)
+def test_a_claim_needs_what_it_compares(key, needed):
+    assert needed_for([key]) == needed
+
+
+def test_needs_add_up():
+    assert needed_for(["c24", "c7"]) == {"static-pf", "maddpg-mmf", "maddpg-pf"}
+
+
+@pytest.mark.parametrize("key", [*FIGURES, *(claim.key for claim in (*CLAIMS, *QUESTIONS))])
+def test_what_is_needed_can_be_made(key):
+    assert needed_for([key]) <= EVERYTHING
+
+
+def test_every_claim_names_a_figure_that_there_is():
+    assert {claim.figure for claim in (*CLAIMS, *QUESTIONS)} <= {*FIGURES, ""}
+
+
+def test_what_is_unknown_is_refused_with_the_nearest_name():
+    with pytest.raises(InputError, match="fig5"):
+        needed_for(["fgi5"])
+
+
+def test_claims_can_be_chosen():
+    assert [claim.key for claim in chosen(CLAIMS, ["c4", "fig5"])] == ["c4"]
+    assert chosen(CLAIMS, []) == list(CLAIMS)
