@@ -4,7 +4,7 @@ import html
 import unicodedata
 from collections.abc import Iterable, Sequence
 
-_VOID = {"meta", "input", "br"}
+_VOID = {"meta", "input", "br", "img"}
 _LONGEST_SHOWN, _LONGEST = 200, 2_000
 
 

@@ -1,6 +1,6 @@
 """Learning curves over seeds: the paper's Fig. 3, and Fig. 7 from random starts."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -130,11 +130,11 @@ class _Sheet:
         block = figure.subfigures(1, 1, squeeze=False)[0, 0]
         panels = block.subplots(rows, len(PANELS), sharex=True, sharey="col", squeeze=False)
         for column, metric in enumerate(PANELS):
-            self._draw_panel(panels[0, column], self.trained[metric])
+            self._draw_panel(panels[0, column], metric, self.trained[metric])
             self._draw_resets(panels[0, column])
             panels[0, column].set_title(METRICS[metric].heading)
             if self.is_flown:
-                self._draw_panel(panels[1, column], self.flown[metric])
+                self._draw_panel(panels[1, column], metric, self.flown[metric])
             self._set_limits(panels[0, column], metric)
             panels[-1, column].set_xlabel("episode")
         panels[0, 0].set_ylabel(_TRAINED)
@@ -149,7 +149,8 @@ class _Sheet:
         runs = "topologies of" if is_rule(method) else "trained with"
         return f"{method} ({runs} {count} seed{'s' * (count != 1)}) {mark}".strip()
 
-    def _draw_panel(self, axes: Axes, curves: Mapping[str, Curve]) -> None:
+    def _draw_panel(self, axes: Axes, metric: str, curves: Mapping[str, Curve]) -> None:
+        alike = clusters(curves, self._are_identical(metric))
         for number, (method, curve) in enumerate(curves.items()):
             if not len(curve.values):
                 continue
@@ -160,7 +161,8 @@ class _Sheet:
                 )
             every = max(1, len(curve.values) // _MARKERS)
             start = number * every // len(curves)
-            width = STYLE["lines.linewidth"] + thicker_pt(number, len(curves)) / 2
+            [same] = [cluster for cluster in alike if method in cluster]
+            width = STYLE["lines.linewidth"] + thicker_pt(same.index(method), len(same))
             axes.plot(
                 curve.episodes,
                 curve.values,
@@ -193,7 +195,7 @@ class _Sheet:
         set_ticks(axes.yaxis)
         axes.xaxis.get_major_locator().set_params(nbins=4, integer=True)
 
-    def _are_identical(self, metric: str):  # type: ignore[no-untyped-def]
+    def _are_identical(self, metric: str) -> Callable[[str, str], bool]:
         def same(one: str, other: str) -> bool:
             return all(
                 len(curves[one].values) == len(curves[other].values)

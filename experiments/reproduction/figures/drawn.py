@@ -52,7 +52,7 @@ def value_text(metric: str, stored: float) -> str:
 
 
 def extremes_text(metric: str, values: Mapping[str, float]) -> str:
-    """Which methods have the highest and the lowest value, such as "highest a 0.9, lowest b 0.7"."""
+    """Which methods have the highest and the lowest value: "highest a 0.9, lowest b 0.7"."""
     known = {label: value for label, value in values.items() if math.isfinite(value)}
     if not known:
         return "not measured"

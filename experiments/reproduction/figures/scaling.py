@@ -91,10 +91,10 @@ def draw_scaling(axis: Axis, rows: Sequence[Row], seeds: int, folder: Path) -> D
         folder: where the file is written.
 
     Returns:
-        The figure; None if nothing was flown there.
+        The figure; None if no method was flown at two places of the axis.
     """
     sheet = _Sheet(axis, rows)
-    if not sheet.families:
+    if not any(len(curve) > 1 for curve in sheet.curves[METRICS_SHOWN[0]].values()):
         return None
     with style.context(["default", STYLE]):
         figure = sheet.draw()
@@ -185,10 +185,7 @@ class _Sheet:
         for axes, metric in zip(panels, METRICS_SHOWN, strict=True):
             curves = self.curves[metric]
             values = {
-                label: {
-                    place: _shown(metric, point, with_error=len(self.by_method) > 0)
-                    for place, point in curves[label].items()
-                }
+                label: {place: _shown(metric, point) for place, point in curves[label].items()}
                 for label in labels
             }
             low, high = limits[metric]
@@ -210,7 +207,7 @@ class _Sheet:
     def _limits(self, metric: str) -> tuple[float, float]:
         """Limits that all rows of panels share, so that they can be compared."""
         values = [
-            _shown(metric, point, with_error=True)
+            _shown(metric, point)
             for curve in self.curves[metric].values()
             for point in curve.values()
         ]
@@ -297,9 +294,8 @@ def _known(curves: Mapping[str, Mapping[float, _Point]]) -> _Curves:
     return {label: curve for label, curve in curves.items() if curve}
 
 
-def _shown(metric: str, point: _Point, with_error: bool) -> Value:
+def _shown(metric: str, point: _Point) -> Value:
     scale = METRICS[metric].scale
     least, greatest = bounds_of(metric)
     low, high = max(point.mean - point.std, least), min(point.mean + point.std, greatest)
-    error = point.between if with_error else 0.0
-    return Value(point.mean * scale, low * scale, high * scale, error * scale)
+    return Value(point.mean * scale, low * scale, high * scale, point.between * scale)
