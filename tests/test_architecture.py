@@ -44,8 +44,8 @@ LIBRARIES = {
 """What each room may import of other people's."""
 
 STOREYS = (
-    {"configuration", "configuration_files", "errors", "interruption", "metrics", "output"}
-    | {"presets", "provenance"},
+    {"configuration", "configuration_files", "errors", "interruption", "markup", "metrics"}
+    | {"output", "pages", "presets", "provenance"},
     {"jobs", "statistics"},
     {"figures", "runs"},
     {"evaluation", "training"},

@@ -4,7 +4,7 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from matplotlib import style
@@ -12,10 +12,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
 
+from orchid_uav.experiments.figures.side_by_side import PanelSize, Value, draw_side_by_side
 from orchid_uav.experiments.figures.style import (
     COLUMN_IN,
     PAGE_IN,
-    SHIFT_PT,
     STYLE,
     base_of,
     bounds_of,
@@ -27,8 +27,6 @@ from orchid_uav.experiments.figures.style import (
     line_styles,
     set_ticks,
     setting_text,
-    shifted,
-    thicker_pt,
     width_of,
     wrap,
 )
@@ -43,8 +41,6 @@ MOST_LINES = 8
 _DIMENSIONS = {"uavs": "UAVs", "users": "users", "speed_mps": "users' greatest speed (m/s)"}
 _SETTINGS = ("distribution", *_DIMENSIONS, "heading_hold_s")
 _HOVER = ("static-pf", "static-mmf")
-_MOST_SHIFT_PT = 16.0
-"""The most distance from the first to the last of the markers at one place."""
 
 
 def draw_figures(
@@ -87,16 +83,8 @@ def draw_metric(results: Results, metric: str) -> Figure | None:
         return sheet.draw_lines() if sheet.dimension else sheet.draw_dots()
 
 
-class _Value(NamedTuple):
-    """A mean as it is shown, with the values one standard deviation below and above, if known."""
-
-    mean: float
-    low: float
-    high: float
-
-
 _Setting = tuple[Any, ...]
-_Curve = dict[tuple[_Setting, float], _Value]
+_Curve = dict[tuple[_Setting, float], Value]
 """The values of a method, by panel and place on the x axis."""
 
 
@@ -173,52 +161,13 @@ class _Sheet:
     def _draw_curves(
         self, axes: Axes, labels: Sequence[str], panel: _Setting, height_in: float, width_in: float
     ) -> None:
-        """Draw curves side by side where markers would hide each other, and thicker below."""
         own = {
             label: {place: value for (where, place), value in self.curves[label].items()
                     if where == panel}
             for label in labels
         }  # fmt: skip
-        marker = STYLE["lines.markersize"] / 72 / height_in * (self.high - self.low)
-        apart_pt = 0.8 * 72 * width_in / max(1, len(self.places) - 1)
-
-        def close(one: str, other: str, markers: float) -> list[bool]:
-            """At each place, whether two curves are closer than ``markers`` heights of a marker."""
-            shared = [place for place in own[one] if place in own[other]]
-            means = [(own[one][place].mean, own[other][place].mean) for place in shared]
-            return [math.isclose(*pair, abs_tol=markers * marker) for pair in means]
-
-        def hides(one: str, other: str) -> bool:
-            found = close(one, other, 0.5)
-            return 2 * sum(found) >= max(1, len(found))
-
-        def coincides(one: str, other: str) -> bool:
-            return all(close(one, other, 0.25))
-
-        shown = [label for label in labels if own[label]]
-        for cluster in clusters(shown, hides):
-            count = len(cluster)
-            step_pt = min(SHIFT_PT, _MOST_SHIFT_PT / max(1, count - 1), 0.6 * apart_pt / count)
-            lines = {label: same for same in clusters(cluster, coincides) for label in same}
-            for turn, label in enumerate(cluster):
-                same = lines[label]
-                thicker = thicker_pt(same.index(label), len(same))
-                look = self.looks[label] | {
-                    "transform": shifted(axes, turn, count, step_pt),
-                    "linewidth": STYLE["lines.linewidth"] + thicker,
-                }
-                self._draw_line(axes, label, own[label], look)
-
-    def _draw_line(
-        self, axes: Axes, label: str, curve: Mapping[float, _Value], look: Mapping[str, Any]
-    ) -> None:
-        places = sorted(curve)
-        means, lows, highs = zip(*(curve[place] for place in places), strict=True)
-        axes.plot(places, means, label=label, **look)
-        axes.fill_between(places, lows, highs, color=look["color"], alpha=0.1, linewidth=0)
-        if len(places) == 1:  # a band over one place would have no width
-            bar = {"colors": look["color"], "transform": look["transform"]}
-            axes.vlines(places, lows, highs, alpha=0.5, **bar)
+        size = PanelSize(width_in, height_in, self.high - self.low, len(self.places))
+        draw_side_by_side(axes, own, self.looks, size)
 
     def draw_dots(self) -> Figure:
         """Draw a row for each method."""
@@ -309,10 +258,10 @@ def _longest_dimension(results: Results) -> str | None:
     return longest if counts[longest] > 1 else None
 
 
-def _shown(metric: str, mean: float, std: float) -> _Value:
+def _shown(metric: str, mean: float, std: float) -> Value:
     scale = METRICS[metric].scale
     least, greatest = bounds_of(metric)
-    return _Value(mean * scale, max(mean - std, least) * scale, min(mean + std, greatest) * scale)
+    return Value(mean * scale, max(mean - std, least) * scale, min(mean + std, greatest) * scale)
 
 
 def _titles(names: Sequence[str], panels: Sequence[_Setting]) -> tuple[str, list[str]]:

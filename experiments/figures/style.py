@@ -47,6 +47,9 @@ _LEARNED: dict[str, _Look] = {
     "orchid-distilled": (_BLUE, (9, 1, 0), _LONG_DOT),
     "maddpg-pf-paper": (_SKY, (5, 1, 180), _THREE_DOTS),
     "maddpg-mmf-paper": (_VERMILLION, (3, 1, 180), _SHORT),
+    "orchid-long": (_BLUE, (4, 1, 0), _LONG),
+    "orchid-uniform": (_PURPLE, (6, 0, 0), _SOLID),
+    "orchid-no-rf-uniform": (_BLACK, (8, 0, 0), _LONG),
 }
 _RULES: dict[str, _Look] = {
     "static-pf": (_BLACK, "X", _SPARSE),

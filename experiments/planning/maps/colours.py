@@ -12,7 +12,6 @@ from orchid_uav.experiments.planning.model import Station
 
 ON_WHITE = ("#03548E", "#CE8500", "#15A875", "#BB81AE", "#818EE2", "#AA3A00")
 ON_DARK = ("#7373C9", "#FFAB00", "#299A62", "#AD79A1", "#71D5FF", "#D15B00")
-WHITE_PAGE, DARK_PAGE = "#FFFFFF", "#15181C"
 MAST, UNSERVED, ZONE, HOME = "#5A6169", "#000000", "#B3261E", "#000000"
 """Of everything that is no drone, in files for other programs."""
 

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from orchid_uav.envs.plans.network import NOBODY
+from orchid_uav.experiments.markup import Markup, element
 from orchid_uav.experiments.planning.maps.drawing import MappedPlan
 from orchid_uav.experiments.planning.maps.frame import Frame
-from orchid_uav.experiments.planning.maps.markup import Markup, element
 from orchid_uav.experiments.planning.maps.wording import rate_text
 from orchid_uav.experiments.planning.model import Floats
 

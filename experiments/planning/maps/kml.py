@@ -7,6 +7,7 @@ import numpy as np
 import shapely
 
 from orchid_uav.envs.plans.network import NOBODY
+from orchid_uav.experiments.markup import harmless
 from orchid_uav.experiments.planning.maps.colours import (
     HOME,
     MAST,
@@ -25,7 +26,6 @@ from orchid_uav.experiments.planning.maps.on_earth import (
 )
 from orchid_uav.experiments.planning.maps.wording import (
     duration_text,
-    harmless,
     length_text,
     people_text,
     rate_text,

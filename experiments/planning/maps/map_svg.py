@@ -9,6 +9,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from orchid_uav.envs.plans.network import NOBODY
+from orchid_uav.experiments.markup import Markup, element
 from orchid_uav.experiments.planning.maps.colours import colour_numbers
 from orchid_uav.experiments.planning.maps.dots import (
     diameter_px,
@@ -19,7 +20,6 @@ from orchid_uav.experiments.planning.maps.dots import (
 )
 from orchid_uav.experiments.planning.maps.drawing import MappedPlan
 from orchid_uav.experiments.planning.maps.frame import WIDTH, Frame, frame_of, round_length_m
-from orchid_uav.experiments.planning.maps.markup import Markup, element
 from orchid_uav.experiments.planning.maps.on_earth import circle_m, polygons_of
 from orchid_uav.experiments.planning.maps.wording import (
     length_text,

@@ -1,7 +1,8 @@
 """``report.html``: the whole plan on one page that needs no network and no program."""
 
+from orchid_uav.experiments.markup import Markup, element
+from orchid_uav.experiments.pages import html_page
 from orchid_uav.experiments.planning.maps.drawing import MappedPlan
-from orchid_uav.experiments.planning.maps.markup import Markup, element
 from orchid_uav.experiments.planning.maps.report_background import (
     how_it_was_made,
     terms,
@@ -14,11 +15,8 @@ from orchid_uav.experiments.planning.maps.report_checks import (
 )
 from orchid_uav.experiments.planning.maps.report_people import who_is_served
 from orchid_uav.experiments.planning.maps.report_places import where_drones_are
-from orchid_uav.experiments.planning.maps.style import style_sheet
+from orchid_uav.experiments.planning.maps.style import report_style
 from orchid_uav.experiments.planning.maps.wording import number_text, people_text
-
-_POLICY = "default-src 'none'; style-src 'unsafe-inline'"
-"""Should anything slip in, the browser loads and runs it no more than a picture in a book."""
 
 
 def report_html(plan: MappedPlan) -> str:
@@ -29,16 +27,9 @@ def report_html(plan: MappedPlan) -> str:
         f"Where {number_text(drones, 'drone', 'drones')} should {stay} "
         f"to connect {people_text(plan.document.people.total)}"
     )
-    head = element(
-        "head",
-        element("meta", charset="utf-8"),
-        element("meta", name="viewport", content="width=device-width, initial-scale=1"),
-        element("meta", http_equiv="Content-Security-Policy", content=_POLICY),
-        element("title", title),
-        element("style", style_sheet(drones)),
-    )
-    body = element(
-        "body",
+    return html_page(
+        title,
+        report_style(drones),
         element("header", element("h1", title), _purpose()),
         element(
             "main",
@@ -59,7 +50,6 @@ def report_html(plan: MappedPlan) -> str:
             ),
         ),
     )
-    return f"<!DOCTYPE html>\n{element('html', head, body, lang='en')}\n"
 
 
 def _purpose() -> Markup:

@@ -4,9 +4,8 @@ import json
 import shlex
 from typing import Any
 
+from orchid_uav.experiments.markup import Markup, element, harmless, table
 from orchid_uav.experiments.planning.maps.drawing import MappedPlan
-from orchid_uav.experiments.planning.maps.markup import Markup, element, table
-from orchid_uav.experiments.planning.maps.wording import harmless
 
 _UNKNOWN = {
     "Terrain": "The ground is taken to be flat and as high as home. Hills stop radio waves and "

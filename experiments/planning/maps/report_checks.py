@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from statistics import mean
 
+from orchid_uav.experiments.markup import Markup, element, joined, table
+from orchid_uav.experiments.metrics import UNBREAKABLE
 from orchid_uav.experiments.planning.maps.charts import (
     FleetPoint,
     Range,
@@ -10,10 +12,8 @@ from orchid_uav.experiments.planning.maps.charts import (
     ranges_chart,
 )
 from orchid_uav.experiments.planning.maps.drawing import MappedPlan
-from orchid_uav.experiments.planning.maps.markup import Markup, element, joined, table
 from orchid_uav.experiments.planning.maps.report_people import served
 from orchid_uav.experiments.planning.maps.wording import (
-    UNBREAKABLE,
     duration_text,
     number_text,
     people_text,

@@ -3,11 +3,11 @@
 import math
 
 from orchid_uav.envs.plans.network import NOBODY
+from orchid_uav.experiments.markup import Markup, element
+from orchid_uav.experiments.metrics import UNBREAKABLE
 from orchid_uav.experiments.planning.maps.charts import rates_chart
 from orchid_uav.experiments.planning.maps.drawing import MappedPlan
-from orchid_uav.experiments.planning.maps.markup import Markup, element
 from orchid_uav.experiments.planning.maps.wording import (
-    UNBREAKABLE,
     people_text,
     rate_text,
     share_text,

@@ -4,6 +4,7 @@ import math
 from typing import Any
 
 from orchid_uav.envs.plans.network import NOBODY
+from orchid_uav.experiments.markup import Markup, element, joined, table
 from orchid_uav.experiments.planning.maps.colours import colour_numbers
 from orchid_uav.experiments.planning.maps.dots import CORES, grown, size_texts, speeds_of
 from orchid_uav.experiments.planning.maps.drawing import MappedPlan
@@ -15,7 +16,6 @@ from orchid_uav.experiments.planning.maps.map_svg import (
     map_svg,
     shapes_of,
 )
-from orchid_uav.experiments.planning.maps.markup import Markup, element, joined, table
 from orchid_uav.experiments.planning.maps.style import LAYERS
 from orchid_uav.experiments.planning.maps.wording import (
     clock_text,

@@ -1,33 +1,12 @@
 """The style sheet of the report: light and dark, telephone, laptop and print."""
 
-from orchid_uav.experiments.planning.maps.colours import DARK_PAGE, ON_DARK, ON_WHITE, WHITE_PAGE
-from orchid_uav.experiments.planning.maps.markup import Markup
-
-_LIGHT = f"""--ink: #1b1e22; --quiet: #575e66; --page: {WHITE_PAGE}; --panel: #f4f5f7;
-  --line: #d5d9de; --accent: #03548e; --mast: #5a6169; --zone: #b3261e; --grid: #e3e6ea;
-  --good: #146c43; --bad: #a3201a; color-scheme: light;"""
-_DARK = f"""--ink: #e9ebee; --quiet: #aab1ba; --page: {DARK_PAGE}; --panel: #1e2329;
-  --line: #3b424b; --accent: #6db3f2; --mast: #9aa3ad; --zone: #ff8a80; --grid: #2c323a;
-  --good: #6fcf97; --bad: #ff9a91; color-scheme: dark;"""
+from orchid_uav.experiments.pages import style_sheet
+from orchid_uav.experiments.planning.maps.colours import ON_DARK, ON_WHITE
 
 _PAGE = """
-* { box-sizing: border-box; }
-html { -webkit-text-size-adjust: 100%; }
-body { margin: 0 auto; max-width: 72rem; padding: 1.25rem clamp(0.9rem, 3vw, 2.5rem) 3rem;
-  background: var(--page); color: var(--ink); font: 1rem/1.5 system-ui, "Segoe UI", Roboto,
-  "Helvetica Neue", "DejaVu Sans", sans-serif; overflow-wrap: anywhere; }
-h1 { font-size: clamp(1.5rem, 4.5vw, 2.1rem); line-height: 1.2; margin: 0 0 0.35rem; }
-h2 { font-size: 1.3rem; line-height: 1.25; margin: 2.6rem 0 0.5rem; padding-top: 0.9rem;
-  border-top: 2px solid var(--line); }
-h3 { font-size: 1.02rem; margin: 1.5rem 0 0.25rem; }
-p, ul, dl { margin: 0.5rem 0; max-width: 46rem; }
-ul { padding-left: 1.2rem; } li { margin: 0.3rem 0; }
-dfn { font-style: normal; font-weight: 600; }
-.quiet, figcaption { color: var(--quiet); font-size: 0.9rem; }
 .headline { font-size: 1.2rem; line-height: 1.4; max-width: 50rem; }
 .verdict { border-left: 4px solid var(--bad); padding: 0.1rem 0 0.1rem 0.75rem; }
 .verdict.met { border-color: var(--good); }
-figure { margin: 1rem 0; } figcaption { max-width: 46rem; }
 .tiles { display: grid; grid-template-columns: repeat(auto-fit, minmax(8.2rem, 1fr)); gap: 0.75rem;
   margin: 1rem 0; max-width: none; }
 .tiles div { background: var(--panel); border-radius: 8px; padding: 0.7rem 0.9rem; }
@@ -58,27 +37,11 @@ figure { margin: 1rem 0; } figcaption { max-width: 46rem; }
   .map-figure { grid-template-columns: minmax(0, 1fr) 12rem; }
   .map-figure .keys { flex-direction: column; flex-wrap: nowrap; margin-top: 2.8rem; }
   .map-figure figcaption { grid-column: 1 / -1; } }
-.wide { overflow-x: auto; margin: 0.75rem 0; }
-.wide:focus-visible { outline: 2px solid var(--accent); outline-offset: 2px; }
-table { border-collapse: collapse; font-size: 0.9rem; font-variant-numeric: tabular-nums; }
-caption { text-align: left; font-weight: 600; padding-bottom: 0.35rem; }
-th, td { text-align: left; padding: 0.32rem 0.9rem 0.32rem 0; border-bottom: 1px solid var(--line);
-  vertical-align: top; overflow-wrap: normal; white-space: nowrap; }
-thead th { font-weight: 600; color: var(--quiet); line-height: 1.3; vertical-align: bottom;
-  white-space: normal; }
-tbody th { font-weight: 600; background: var(--page); position: sticky; left: 0; }
 tr.chosen > * { background: var(--panel); font-weight: 600; }
 td small { color: var(--quiet); font-size: 1em; }
 .mark { width: 1.1em; height: 1.1em; vertical-align: -0.18em; margin-right: 0.4em;
   overflow: visible; }
-.glossary { display: grid; grid-template-columns: minmax(8rem, max-content) 1fr; gap: 0.3rem 1rem;
-  max-width: 54rem; }
-.glossary dt { font-weight: 600; } .glossary dd { margin: 0; }
-code { font: 0.88em/1.4 ui-monospace, "DejaVu Sans Mono", monospace; background: var(--panel);
-  padding: 0.1em 0.3em; border-radius: 4px; }
-details { margin: 0.5rem 0; } summary { cursor: pointer; font-weight: 600; }
-@media (max-width: 34rem) { .glossary { grid-template-columns: 1fr; gap: 0; }
-  .glossary dd { margin-bottom: 0.5rem; } .headline { font-size: 1.08rem; } }
+@media (max-width: 34rem) { .headline { font-size: 1.08rem; } }
 """
 
 _MAP = """
@@ -183,19 +146,14 @@ _PRINT = """
 """
 
 
-def style_sheet(drones: int) -> Markup:
+def report_style(drones: int) -> str:
     """The style sheet of the page of a plan for some drones."""
-    light = _LIGHT + " --warm: #a05a00; " + _drone_colours(ON_WHITE)
-    dark = _DARK + " --warm: #f0a93b; " + _drone_colours(ON_DARK)
-    schemes = (
-        f":root {{ {light} }}\n"
-        f"@media screen and (prefers-color-scheme: dark) {{ :root {{ {dark} }} }}\n"
-    )
     used = "".join(
         f".k{number} {{ --c: var(--c{number}) !important; --on-c: var(--on-c{number}); }}\n"
         for number in range(len(ON_WHITE))
     )
-    return Markup(schemes + _PAGE + _MAP + used + _CHARTS + _hiding() + _hovering(drones) + _PRINT)
+    rules = _PAGE + _MAP + used + _CHARTS + _hiding() + _hovering(drones) + _PRINT
+    return style_sheet(rules, _drone_colours(ON_WHITE), _drone_colours(ON_DARK))
 
 
 LAYERS = {

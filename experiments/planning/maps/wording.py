@@ -1,11 +1,8 @@
 """Numbers and names as people read them."""
 
-import unicodedata
-
 import numpy as np
 
-UNBREAKABLE = "\N{NO-BREAK SPACE}"
-_LONGEST = 200
+from orchid_uav.experiments.metrics import UNBREAKABLE
 
 
 def rate_text(rate_bps: float) -> str:
@@ -60,24 +57,6 @@ def clock_text(seconds: float) -> str:
     """Minutes and seconds, such as 2:30."""
     whole = round(seconds)
     return f"{whole // 60}:{whole % 60:02d}"
-
-
-def harmless(text: str, longest: int = _LONGEST) -> str:
-    """A text from outside, on one line: shortened, and without characters that cannot be seen.
-
-    Those are control characters, halves of characters, what turns the direction of the text that
-    follows, and whatever XML may not contain. Each is replaced by �.
-    """
-    if len(text) > longest:
-        text = f"{text[:longest]}… ({len(text):,} characters)"
-    return "".join("�" if _is_unseen(character) else character for character in text)
-
-
-def _is_unseen(character: str) -> bool:
-    if character == "\N{ZERO WIDTH JOINER}":  # part of many emoji
-        return False
-    is_no_character = ord(character) & 0xFFFE == 0xFFFE
-    return is_no_character or unicodedata.category(character) in ("Cc", "Cs", "Cf", "Zl", "Zp")
 
 
 def _three_digits(value: float) -> str:

@@ -5,11 +5,10 @@ import itertools
 import numpy as np
 import pytest
 
+from orchid_uav.experiments.pages import DARK_PAGE, WHITE_PAGE
 from orchid_uav.experiments.planning.maps.colours import (
-    DARK_PAGE,
     ON_DARK,
     ON_WHITE,
-    WHITE_PAGE,
     colour_numbers,
 )
 from tests.helpers.plans import make_plan

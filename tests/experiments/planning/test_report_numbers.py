@@ -4,12 +4,12 @@ import re
 
 import pytest
 
+from orchid_uav.experiments.markup import harmless
 from orchid_uav.experiments.planning.maps.charts import FleetPoint, Range, fleet_chart, ranges_chart
 from orchid_uav.experiments.planning.maps.report import report_html
 from orchid_uav.experiments.planning.maps.wording import (
     clock_text,
     duration_text,
-    harmless,
     length_text,
     people_text,
     rate_text,

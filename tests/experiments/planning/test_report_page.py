@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from orchid_uav.envs.plans.network import NOBODY
-from orchid_uav.experiments.planning.maps.markup import Markup, element, joined, table
 from orchid_uav.experiments.planning.maps.report import report_html
 from orchid_uav.experiments.planning.site import Place
 from tests.helpers.plans import make_plan
@@ -209,19 +208,3 @@ class TestHostileNames:
 
     def test_an_empty_one_does_no_harm(self):
         Page(report_html(hostile_plan("")))
-
-
-class TestMarkup:
-    def test_texts_and_attributes_are_escaped_and_markup_is_not(self):
-        made = element("p", "a < b", element("b", "&"), title='"<', class_="x", data_k=1.5)
-        assert made == '<p title="&quot;&lt;" class="x" data-k="1.5">a &lt; b<b>&amp;</b></p>'
-
-    def test_attributes_without_a_value_are_left_out(self):
-        assert element("meta", charset="utf-8", name=None) == '<meta charset="utf-8">'
-
-    def test_joined_texts_are_escaped(self):
-        assert joined(["<", Markup("<i>")], ", ") == "&lt;, <i>"
-
-    def test_a_text_that_looks_like_a_cell_is_none(self):
-        made = table("t", ["a", "b"], [["x", "<td>y"]])
-        assert "<td>&lt;td&gt;y</td>" in made

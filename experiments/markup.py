@@ -1,12 +1,11 @@
 """HTML and SVG, put together so that no text from outside can become part of them."""
 
 import html
+import unicodedata
 from collections.abc import Iterable, Sequence
 
-from orchid_uav.experiments.planning.maps.wording import harmless
-
-_VOID = {"meta", "input", "br"}
-_LONGEST = 2_000
+_VOID = {"meta", "input", "br", "img"}
+_LONGEST_SHOWN, _LONGEST = 200, 2_000
 
 
 class Markup(str):
@@ -82,3 +81,21 @@ def _plain(value: str | float) -> str:
 
 def _escaped(text: str) -> str:
     return html.escape(harmless(text, _LONGEST))
+
+
+def harmless(text: str, longest: int = _LONGEST_SHOWN) -> str:
+    """A text from outside, on one line: shortened, and without characters that cannot be seen.
+
+    Those are control characters, halves of characters, what turns the direction of the text that
+    follows, and whatever XML may not contain. Each is replaced by �.
+    """
+    if len(text) > longest:
+        text = f"{text[:longest]}… ({len(text):,} characters)"
+    return "".join("�" if _is_unseen(character) else character for character in text)
+
+
+def _is_unseen(character: str) -> bool:
+    if character == "\N{ZERO WIDTH JOINER}":  # part of many emoji
+        return False
+    is_no_character = ord(character) & 0xFFFE == 0xFFFE
+    return is_no_character or unicodedata.category(character) in ("Cc", "Cs", "Cf", "Zl", "Zp")

@@ -1,0 +1,1 @@
+"""The figures of a reproduction, after the paper's."""

@@ -1,0 +1,83 @@
+"""Every figure of a reproduction, as far as there are rows for it."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from orchid_uav.experiments.reproduction import settings
+from orchid_uav.experiments.reproduction.figures.convergence import Convergence, draw_convergence
+from orchid_uav.experiments.reproduction.figures.drawn import DISTRIBUTION_WORDS, DrawnFigure
+from orchid_uav.experiments.reproduction.figures.scaling import Axis, draw_scaling
+from orchid_uav.experiments.reproduction.figures.strategy import draw_strategy
+from orchid_uav.experiments.reproduction.rows import Row
+from orchid_uav.experiments.reproduction.settings import Case
+from orchid_uav.experiments.reproduction.trainings import QUICK_SEEDS, SEEDS
+
+TRAINED = (
+    Convergence(
+        "fig3_tcp",
+        "Fig. 3: training, users in hotspots",
+        ("orchid", "orchid-no-rf", "maddpg-pf", "maddpg-mmf", "static-pf", "static-mmf"),
+    ),
+    Convergence(
+        "fig3_uniform",
+        "Fig. 3: training, users spread evenly",
+        ("orchid-uniform", "orchid-no-rf-uniform"),
+    ),
+    Convergence(
+        "fig7",
+        "Fig. 7: training from random starts and from K-Means, users in hotspots",
+        ("orchid", "orchid-random-init"),
+    ),
+)
+"""Fig. 3 and Fig. 7."""
+
+
+def draw_figures(rows: Sequence[Row], folder: Path) -> list[DrawnFigure]:
+    """Draw all figures for which there are rows, in the order of the paper.
+
+    Args:
+        rows: of methods and rules, in any number.
+        folder: for the SVG files; it is made if it is missing.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    seeds = len(QUICK_SEEDS if any(row.is_quick for row in rows) else SEEDS)
+    in_training = [draw_convergence(wanted, rows, seeds, folder) for wanted in TRAINED]
+    drawn = [
+        *in_training[:2],
+        *(draw_scaling(axis, rows, seeds, folder) for axis in axes()),
+        in_training[2],
+        draw_strategy(rows, seeds, folder),
+    ]
+    return [figure for figure in drawn if figure is not None]
+
+
+def axes() -> Iterator[Axis]:
+    """Figures 4, 5 and 6, for both distributions of users."""
+    for number, name, field, cases in (
+        (4, "users", "users", settings.users),
+        (5, "UAVs", "uavs", settings.uavs),
+    ):
+        for distribution, words in DISTRIBUTION_WORDS.items():
+            yield Axis(
+                f"fig{number}_{distribution}",
+                f"Fig. {number}: number of {name}, {words}",
+                name,
+                f"{{:g}} {name}",
+                _places(cases(distribution), field),
+            )
+    for distribution, words in DISTRIBUTION_WORDS.items():
+        for hold_s in settings.HEADINGS_S:
+            yield Axis(
+                f"fig6_{distribution}_{hold_s:g}s",
+                f"Fig. 6: speed of walking users, {words}, headings held {hold_s:g} s",
+                "speed (m/s)",
+                "{:g} m/s",
+                _places(settings.speeds(distribution, hold_s), "speed_mps"),
+            )
+
+
+def _places(cases: Sequence[Case], field: str) -> dict[float, Case]:
+    return {float(getattr(case.setting, field)): case for case in cases}

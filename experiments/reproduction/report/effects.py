@@ -1,0 +1,134 @@
+"""Findings and verdicts as people read them."""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from orchid_uav.experiments.markup import Markup, element, joined
+from orchid_uav.experiments.metrics import METRICS, UNBREAKABLE
+from orchid_uav.experiments.reproduction.checks import VARIANCE_RATIO
+from orchid_uav.experiments.reproduction.verdicts import Finding, Judgement, Verdict
+
+MINUS = "\N{MINUS SIGN}"
+_SIGNS: dict[Verdict | None, tuple[str, str]] = {
+    "holds": ("✓", "holds"),
+    "partly": ("◐", "partly"),
+    "does not hold": ("✗", "fails"),
+    "undecided": ("?", "open"),
+    "not testable in this model": ("–", "untestable"),
+    None: ("·", "untestable"),
+}
+"""A sign for each verdict, so that it is not told by its colour alone, and its class."""
+_FINDINGS: dict[Finding, tuple[str, str]] = {
+    "yes": ("✓", "holds"),
+    "no": ("✗", "fails"),
+    "undecided": ("?", "open"),
+}
+_RELATIVE = ", relative spread"
+
+
+class Scale(NamedTuple):
+    """How the numbers of a check are shown."""
+
+    title: str
+    unit: str
+    factor: float
+    """From stored values to shown ones."""
+    digits: int
+
+    def text(self, value: float | None, signed: bool = False) -> str:
+        """A number without its unit."""
+        if value is None or not math.isfinite(value):
+            return "–"
+        text = f"{abs(value) * self.factor:.{self.digits}f}"
+        if float(text) == 0.0:
+            return text
+        return (MINUS if value < 0.0 else "+" if signed else "") + text
+
+
+def scale_of(check: Judgement) -> Scale:
+    """How a check's numbers are shown; a relative spread is a plain number, whatever the metric."""
+    if check.metric == VARIANCE_RATIO:
+        return Scale("decimal logarithm of a ratio of variances", "", 1.0, 2)
+    metric = METRICS[check.metric]
+    if check.what.endswith(_RELATIVE):
+        return Scale(f"relative spread of {metric.title}", "", 1.0, 4)
+    return Scale(metric.title, metric.unit, metric.scale, metric.digits)
+
+
+def badge(verdict: Verdict | None) -> Markup:
+    """A verdict, with its sign."""
+    sign, kind = _SIGNS[verdict]
+    return _badge(sign, kind, verdict or "no verdict")
+
+
+def finding_badge(finding: Finding) -> Markup:
+    """The finding of one check, with its sign."""
+    return _badge(*_FINDINGS[finding], finding)
+
+
+def _badge(sign: str, kind: str, word: str) -> Markup:
+    return element(
+        "span", element("span", sign, aria_hidden="true"), f"{UNBREAKABLE}{word}",
+        class_=f"badge {kind}"
+    )  # fmt: skip
+
+
+def difference_text(check: Judgement) -> str:
+    """The difference with its interval, in the unit that is shown."""
+    if check.difference is None:
+        return "not measured"
+    scale = scale_of(check)
+    told = f"{scale.text(check.difference, signed=True)}{UNBREAKABLE}{scale.unit}".strip()
+    if check.ci95 is None:
+        return told
+    ends = " to ".join(scale.text(end, signed=True) for end in check.ci95)
+    return f"{told} [{ends}]"
+
+
+def least_text(check: Judgement) -> str:
+    """The least effect that would have been shown, where nothing was."""
+    if check.finding != "undecided" or check.least_detectable_effect is None:
+        return ""
+    scale = scale_of(check)
+    least = scale.text(check.least_detectable_effect)
+    return f"detectable from {least}{UNBREAKABLE}{scale.unit}".rstrip()
+
+
+def pairs_text(check: Judgement) -> str:
+    """Complete pairs of those that there should be."""
+    return f"{check.n} of {check.units}"
+
+
+def decisive(checks: Sequence[Judgement]) -> Judgement | None:
+    """The check that a verdict hangs on.
+
+    It is the clearest "no"; else the open check with the greatest effect; else, where all are
+    "yes", the narrowest of them. Effects are counted in margins, so that metrics compare.
+    """
+    for finding, sign in (("no", 1.0), ("undecided", 1.0), ("yes", -1.0)):
+        found = [check for check in checks if check.finding == finding]
+        if found:
+            return max(found, key=lambda check: sign * abs(check.difference or 0.0) / check.margin)
+    return None
+
+
+def counted(checks: Sequence[Judgement]) -> str:
+    """How many checks found what, such as "3 yes, 1 no"."""
+    findings = [check.finding for check in checks]
+    told = [
+        f"{findings.count(finding)} {'open' if finding == 'undecided' else finding}"
+        for finding in ("yes", "no", "undecided")
+        if finding in findings
+    ]
+    return ", ".join(told) or "none"
+
+
+def code(text: str) -> Markup:
+    """A name or a command."""
+    return element("code", element("bdi", text))
+
+
+def separated(parts: Sequence[str]) -> Markup:
+    """Parts in one line."""
+    return joined(parts, " · ")

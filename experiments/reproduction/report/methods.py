@@ -1,0 +1,253 @@
+"""The parts of the report about methods: beside their twins, and what else was tried."""
+
+from collections.abc import Iterable, Mapping, Sequence
+
+from orchid_uav.experiments.markup import Markup, element, table
+from orchid_uav.experiments.metrics import METRICS
+from orchid_uav.experiments.reproduction.checks import RATE, UTILITY, WORST
+from orchid_uav.experiments.reproduction.report.effects import MINUS, code
+from orchid_uav.experiments.reproduction.result import (
+    SENSITIVITIES,
+    TABLED,
+    FalseAlarms,
+    FlownMethod,
+    Sensitivity,
+)
+from orchid_uav.experiments.statistics.comparison import SeedSummary
+
+PAPERS = (
+    *("orchid", "orchid-no-rf", "orchid-random-init", "orchid-long", "orchid-pf"),
+    *("maddpg-mmf", "maddpg-pf", "maddpg-mmf-paper", "maddpg-pf-paper"),
+)
+"""What the paper trains."""
+OWN = ("orchid-informed", "balanced-loiter", "balanced-loiter-120", "best-response")
+"""What this project adds, beside the paper's method."""
+_GAINED = (UTILITY, RATE, WORST)
+_SCALES = {metric: METRICS[metric] for metric in TABLED}
+
+
+def beside_twins(methods: Sequence[FlownMethod]) -> list[Markup]:
+    """Trained methods with and without noise, and their twins; then the rules."""
+    trained = [method for method in methods if method.seeds]
+    papers = [method for method in trained if method.method in PAPERS]
+    others = [method for method in trained if method.method not in PAPERS]
+    rules = [method for method in methods if not method.seeds]
+    parts = [
+        element(
+            "p",
+            "In the paper's network: 6 drones, 100 users in hotspots that stay. A policy is a "
+            "little random while it is trained, so that it tries things out; ",
+            element("dfn", "without noise"),
+            " it does what it holds best. Its ",
+            element("dfn", "twin"),
+            " starts where the policy starts and does nothing at all: what a policy gains over its "
+            "twin is what it has learned. Means over seeds, ± the standard deviation between them.",
+        )
+    ]
+    if papers:
+        parts.append(_methods_table("The paper's methods, and their twins", papers))
+    if rules:
+        parts.append(_methods_table("Rules, for which nothing is learned", rules))
+    if others:
+        folded = _methods_table("Other trainings, and their twins", others)
+        parts.append(element("details", element("summary", "All other trainings"), folded))
+    if trained:
+        parts.append(
+            element("details", element("summary", "Resets and speed"), _resets_table(trained))
+        )
+    return parts if papers or rules or others else [_nothing()]
+
+
+def _nothing() -> Markup:
+    return element("p", "There are no results of this yet.")
+
+
+def _methods_table(caption: str, methods: Iterable[FlownMethod]) -> Markup:
+    heads = ["Method", "Flown", *(_SCALES[metric].heading for metric in TABLED)]
+    rows: list[list[str]] = []
+    classes = []
+    for method in methods:
+        kinds = [("as it is" if not method.seeds else "without noise", method.deterministic)]
+        if method.sampled:
+            kinds.append(("with noise", method.sampled))
+        for number, (kind, summaries) in enumerate(kinds):
+            rows.append([code(method.method), kind, *_summaries(summaries)])
+            classes.append("first" if number == 0 else "")
+        if method.twin:
+            rows.append([code(method.method), "twin: does nothing", *_means(method.twin)])
+            classes.append("")
+    return element("div", table(caption, heads, rows, classes), class_="dense")
+
+
+def _summaries(summaries: Mapping[str, SeedSummary]) -> list[str]:
+    return [_summary(metric, summaries.get(metric)) for metric in TABLED]
+
+
+def _summary(metric: str, summary: SeedSummary | None) -> Markup:
+    if summary is None or summary.mean is None:
+        return element("td", "–")
+    mean = _text(metric, summary.mean)
+    if not summary.std:
+        return element("td", mean)
+    return element("td", mean, " ", element("small", f"±\u00a0{_text(metric, summary.std)}"))
+
+
+def _means(means: Mapping[str, float]) -> list[str]:
+    return [_text(metric, means[metric]) if metric in means else "–" for metric in TABLED]
+
+
+def _text(metric: str, value: float) -> str:
+    return _SCALES[metric].text(value).replace("-", MINUS)
+
+
+def _resets_table(methods: Iterable[FlownMethod]) -> Markup:
+    rows = []
+    for method in methods:
+        resets = "; ".join(
+            ", ".join(map(str, episodes)) or "none" for episodes in method.reset_episodes
+        )
+        latency = method.actor_latency_us
+        rows.append(
+            [
+                code(method.method),
+                method.purpose,
+                str(method.seeds),
+                element("td", resets, class_="wrapped"),
+                "–" if latency is None else f"{latency:.1f}",
+            ]
+        )
+    heads = ["Method", "What it is", "Seeds", "Episodes of resets, seed by seed"]
+    heads.append("One decision of one drone (µs)")
+    return table("Resets of Reset-and-Finetune, and how fast a policy decides", heads, rows)
+
+
+def what_is_added(methods: Sequence[FlownMethod]) -> list[Markup]:
+    """What the project's own methods reach beyond the paper's."""
+    by_key = {method.method: method for method in methods}
+    paper = by_key.get("orchid")
+    own = [by_key[key] for key in OWN if key in by_key]
+    if paper is None or not own:
+        return [_nothing()]
+    heads = ["Method"]
+    for metric in _GAINED:
+        heads += [_SCALES[metric].heading, "beside the paper's"]
+    rows = [[code("orchid"), *_beside(paper, None)]]
+    rows += [[code(method.method), *_beside(method, paper)] for method in own]
+    return [
+        element(
+            "p",
+            "This project also has methods of its own: ",
+            code("orchid-informed"),
+            " is trained as the paper's, but a drone is told what it could know in flight and "
+            "flies between stations; ",
+            code("balanced-loiter"),
+            " and ",
+            code("best-response"),
+            " are rules that need no training: drones circle where the load is balanced, and each "
+            "drone in turn moves to where the fleet gains most. ",
+            element("dfn", "Utility"),
+            " is the paper's own sum of what should be good. These are differences of means, "
+            "without a verdict.",
+        ),
+        table("In the paper's network, flown without noise", heads, rows),
+    ]
+
+
+def _beside(method: FlownMethod, paper: FlownMethod | None) -> list[str]:
+    cells = []
+    for metric in _GAINED:
+        mean = _mean(method, metric)
+        cells.append("–" if mean is None else _text(metric, mean))
+        base = None if paper is None else _mean(paper, metric)
+        known = mean is not None and base is not None
+        cells.append(signed(metric, mean - base) if known else "–")  # type: ignore[operator]
+    return cells
+
+
+def _mean(method: FlownMethod, metric: str) -> float | None:
+    return method.deterministic[metric].mean if metric in method.deterministic else None
+
+
+def signed(metric: str, value: float) -> str:
+    """A difference as it is shown, with its sign."""
+    text = _text(metric, value)
+    return f"+{text}" if value > 0.0 and float(text) else text
+
+
+def sensitivities(found: Sequence[Sensitivity]) -> list[Markup]:
+    """What other choices change where the paper leaves one open."""
+    if not found:
+        return [_nothing()]
+    heads = ["Training", "What differs", "It gains", "orchid gains"]
+    heads += ["Difference [95 % interval]", "Pairs"]
+    rows = [
+        [
+            code(one.method),
+            element("td", one.purpose, class_="wrapped"),
+            _gained(one.gained),
+            _gained(one.gained_by_orchid),
+            _difference(one),
+            f"{one.difference.n} of {one.difference.seeds}",
+        ]
+        for one in found
+    ]
+    return [
+        element(
+            "p",
+            "Where the paper leaves a choice open, or states two values, other ones were trained "
+            "as well. Shown is the utility that a policy gains over its own twin.",
+        ),
+        table(f"{len(found)} of {len(SENSITIVITIES)} other choices", heads, rows),
+    ]
+
+
+def _gained(summary: SeedSummary) -> Markup:
+    if summary.mean is None:
+        return element("td", "–")
+    spread = f"±\u00a0{_text(UTILITY, summary.std)}" if summary.std else ""
+    return element("td", signed(UTILITY, summary.mean), " ", element("small", spread))
+
+
+def _difference(one: Sensitivity) -> str:
+    difference = one.difference.difference
+    if difference.mean is None:
+        return "–"
+    text = signed(UTILITY, difference.mean)
+    if difference.ci95 is None:
+        return text
+    return f"{text} [{' to '.join(signed(UTILITY, end) for end in difference.ci95)}]"
+
+
+def false_alarms(found: Sequence[FalseAlarms]) -> list[Markup]:
+    """How often the trigger fires where nothing is learned."""
+    if not found:
+        return [_nothing()]
+    windows = sorted({one.window for one in found})
+    tolerances = sorted({one.tolerance for one in found})
+    cells = {(one.window, one.tolerance): one for one in found}
+    heads = ["Window (episodes)", *(f"tolerance {tolerance:g}" for tolerance in tolerances)]
+    rows = [
+        [str(window), *(_alarm(cells.get((window, tolerance))) for tolerance in tolerances)]
+        for window in windows
+    ]
+    return [
+        element(
+            "p",
+            element("dfn", "Reset-and-Finetune"),
+            " is the paper's remedy for training that stands still: when the reward has not "
+            "changed by more than a tolerance over a window of episodes, it forgets the momentum "
+            "of learning and learns in smaller steps. Here nothing was learned at all, so that "
+            "every firing is due to chance and to the places that happened to be drawn.",
+        ),
+        table("Runs that learn nothing in which the trigger fires", heads, rows),
+    ]
+
+
+def _alarm(one: FalseAlarms | None) -> Markup:
+    if one is None or not one.runs:
+        return element("td", "–")
+    fired = f"{one.fired} of {one.runs}"
+    if one.median_episode is None:
+        return element("td", fired)
+    when = element("small", f"(episode\u00a0{one.median_episode:g})")
+    return element("td", fired, " ", when)
