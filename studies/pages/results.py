@@ -1,0 +1,88 @@
+"""The tables of docs/results.md, from the rows that are committed."""
+
+from functools import cache
+
+from orchid_uav.experiments.evaluation.directory import header_of
+from orchid_uav.experiments.metrics import METRICS
+from orchid_uav.experiments.reproduction.campaign import Campaign
+from orchid_uav.experiments.reproduction.result import JudgedClaim, Reproduction, reproduction
+from orchid_uav.experiments.reproduction.rows import read_rows
+from orchid_uav.experiments.reproduction.trainings import SEEDS, TRAININGS
+from orchid_uav.experiments.reproduction.verdicts import Judgement
+from orchid_uav.experiments.statistics.results import ResultHeader
+from studies.pages.markdown import ROOT, table
+from studies.recording import RESULTS
+
+PAGE = ROOT / "docs" / "results.md"
+ROWS = RESULTS / "reproduction"
+
+
+@cache
+def result() -> Reproduction:
+    """What the committed rows say."""
+    rows = list(read_rows(ROWS))
+    missing = len(Campaign(ROWS / "nowhere", ROWS).waiting())
+    header = ResultHeader.from_json(header_of(["orchid", "reproduce"], "completed"))
+    return reproduction(header, rows, missing, is_quick=False)
+
+
+def progress_block() -> str:
+    """How many seeds of each method have their row."""
+    found = result()
+    trained = [key for key in TRAININGS if found.rows.get(key)]
+    rows = [[f"`{key}`", f"{len(found.rows[key])} of {len(SEEDS)}"] for key in trained]
+    dates = sorted({row.date for row in read_rows(ROWS)})
+    done, wanted = sum(len(found.rows[key]) for key in trained), len(TRAININGS) * len(SEEDS)
+    told = (
+        f"{done} of {wanted} trainings have their row, {found.missing} rows of all are missing; {found.hours} hours of one core "
+        f"so far ({', '.join(found.processors)}, {dates[0]} to {dates[-1]}, commits "
+        f"{', '.join(f'`{commit[:7]}`' for commit in found.commits)})."
+    )
+    return f"{told}\n\n{table(['method', 'seeds'], rows, words=2)}"
+
+
+def verdicts_block() -> str:
+    """The verdicts that have all of their seeds, and how many claims wait."""
+    found = result()
+    lines = []
+    for heading, claims in (("claim", found.claims), ("question", found.questions)):
+        decided = [claim for claim in claims if _is_measured(claim)]
+        waiting = [claim.key.upper() for claim in claims if not _is_measured(claim)]
+        if decided:
+            head = ["", heading, "verdict", "uniform users", "what was compared"]
+            lines.append(table(head, [_row(claim) for claim in decided], words=5))
+        if waiting:
+            lines.append(f"Waiting for seeds: {', '.join(waiting)}.")
+    return "\n\n".join(lines)
+
+
+def _is_measured(claim: JudgedClaim) -> bool:
+    return all(check.n == check.units for check in claim.tcp.checks)
+
+
+def _row(claim: JudgedClaim) -> list[str]:
+    uniform = claim.uniform.verdict if claim.uniform else None
+    checks = "<br>".join(_told(check) for check in claim.tcp.checks) or "nothing: " + claim.note
+    verdict = f"**{claim.tcp.verdict}**"
+    return [claim.key.upper(), claim.says, verdict, uniform or "–", checks]
+
+
+def _told(check: Judgement) -> str:
+    metric = METRICS.get(check.metric)
+    scale, digits = (metric.scale, metric.digits + 1) if metric else (1.0, 2)
+    name = metric.heading if metric else "decimal logarithm"
+    assert check.difference is not None
+    text = f"{check.what}, {name}: {check.difference * scale:+.{digits}f}"
+    if check.ci95:
+        low, high = (end * scale for end in check.ci95)
+        text += f" [{low:+.{digits}f}, {high:+.{digits}f}]"
+    least = check.least_detectable_effect
+    if check.finding == "undecided" and least is not None:
+        text += f", least detectable {least * scale:.{digits}f}"
+    return f"{text}: {check.finding}"
+
+
+RESULTS_BLOCKS = {
+    "results progress": (PAGE, progress_block),
+    "results verdicts": (PAGE, verdicts_block),
+}
