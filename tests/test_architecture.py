@@ -50,6 +50,7 @@ STOREYS = (
     {"figures", "runs"},
     {"evaluation", "training"},
     {"ablation", "planning"},
+    {"replay"},
 )
 """Of ``experiments/``: flat files first, then rooms. Each may import what stands before its own."""
 
