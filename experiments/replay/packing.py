@@ -1,8 +1,8 @@
 """Arrays as short texts inside a JSON document, which a browser unpacks by itself.
 
-The bytes of an array, little-endian and in C order, are compressed by zlib and written in base64;
+The bytes of an array, little-endian, are compressed by zlib and written in base64;
 ``DecompressionStream("deflate")`` takes that apart again. What changes little from one slot to the
-next is written as its first state and differences, of which most bytes are zero.
+next is written as its first state and differences.
 """
 
 import base64
@@ -17,8 +17,8 @@ from orchid_uav.storage.documents import Document
 
 Kind = Literal["uint8", "int8", "int16", "int32", "float32"]
 _WHOLE: tuple[Kind, ...] = ("int8", "int16", "int32")
-_LIMIT = 2**31 - 1
-"""Of the numbers that are written, in either direction."""
+_LIMIT = 2**30
+"""Of the numbers that are written, in either direction, so that differences fit into int32."""
 _LARGEST = 2**28
 """Bytes that an array may unpack to."""
 
@@ -26,11 +26,23 @@ _LARGEST = 2**28
 class Packed(Document):
     """An array of numbers.
 
-    Unpack: base64, then zlib, then read as ``type``, little-endian. With ``delta``, the bytes begin
-    with the first state, ``shape[1:]`` numbers of int32, and go on with the differences of every
-    later state to the one before, ``(shape[0] - 1) × shape[1:]`` numbers of ``type``: add them up
-    along the first axis, in 32 bits. Then the value is number × ``scale``; or where there is
-    ``ratio`` instead, 0 for the number 0 and ``ratio`` to the power of the number for others.
+    Unpack: base64, then zlib, then read as ``type``, little-endian, in C order. With ``delta``, the
+    bytes are those of states along the first axis, of which each has ``size`` numbers, the product
+    of ``shape[1:]``: first the first state, ``size`` numbers of int32; then for number 0 of a state
+    all its differences from one state to the next, ``shape[0] - 1`` numbers of ``type``; then those
+    of number 1, and so on. ::
+
+        for (let number = 0; number < size; number++) {
+          let value = first[number];
+          numbers[number] = value;
+          for (let state = 1; state < shape[0]; state++) {
+            value += differences[number * (shape[0] - 1) + state - 1];
+            numbers[state * size + number] = value;
+          }
+        }
+
+    The value is then number × ``scale``; or where there is ``ratio`` instead, 0 for the number 0
+    and ``ratio`` to the power of the number for others; or the number itself if there is neither.
     """
 
     packed: str
@@ -59,8 +71,9 @@ class Packed(Document):
             return np.frombuffer(content, kind).reshape(self.shape)
         begin = np.frombuffer(content[: 4 * first], "<i4").astype(np.int64)
         steps = np.frombuffer(content[4 * first :], kind).astype(np.int64)
-        states = np.concatenate([begin, steps]).reshape(self.shape)
-        return np.cumsum(states, axis=0).astype(np.int32)
+        steps = steps.reshape(first, max(self.shape[0] - 1, 0))
+        series = np.concatenate([begin[:, None], steps], axis=1)
+        return np.cumsum(series, axis=1).T.reshape(self.shape).astype(np.int32)
 
     def values(self) -> NDArray[np.float64]:
         """The values, in float64."""
@@ -90,7 +103,7 @@ def pack_states(values: ArrayLike, scale: float) -> Packed:
     Errors do not add up from state to state. The type is the shortest that holds the differences.
 
     Raises:
-        ValueError: there is no state, or a value is not finite or greater than 2**31 scales.
+        ValueError: there is no state, or a value is not finite or beyond 2**30 scales.
     """
     return _differences(np.asarray(values, np.float64) / scale, scale=scale)
 
@@ -119,8 +132,10 @@ def _differences(numbers: NDArray[np.float64], **meaning: float) -> Packed:
     states = np.rint(numbers).astype(np.int64)
     steps = np.diff(states, axis=0)
     kind = next(one for one in _WHOLE if _fit(steps, one))
+    # Number by number, not state by state: what changes alike then stands side by side.
+    series = steps.reshape(len(steps), math.prod(states.shape[1:])).T
     content = states[0].astype("<i4").tobytes()
-    content += steps.astype(np.dtype(kind).newbyteorder("<")).tobytes()
+    content += series.astype(np.dtype(kind).newbyteorder("<")).tobytes()
     shape = list(states.shape)
     return Packed(packed=_text(content), type=kind, shape=shape, delta=True, **meaning)
 
