@@ -26,7 +26,7 @@ _LARGEST = 2**28
 class Packed(Document):
     """An array of numbers.
 
-    Unpack: base64, then zlib, then read as ``type``, little-endian, in C order. With ``delta``, the
+    Unpack: base64, then zlib, then read as ``type``, little-endian, in C order. With ``series``, the
     bytes are those of states along the first axis, of which each has ``size`` numbers, the product
     of ``shape[1:]``: first the first state, ``size`` numbers of int32; then for number 0 of a state
     all its differences from one state to the next, ``shape[0] - 1`` numbers of ``type``; then those
@@ -48,7 +48,7 @@ class Packed(Document):
     packed: str
     type: Kind
     shape: list[int]
-    delta: bool = False
+    series: bool = False
     scale: float | None = None
     ratio: float | None = None
 
@@ -61,19 +61,19 @@ class Packed(Document):
         kind, size = np.dtype(self.type).newbyteorder("<"), math.prod(self.shape)
         if min(self.shape, default=1) < 0 or size > _LARGEST // kind.itemsize:
             raise ValueError(f"an array cannot have the shape {self.shape}")
-        first = math.prod(self.shape[1:]) if self.delta else 0
+        first = math.prod(self.shape[1:]) if self.series else 0
         expected = size * kind.itemsize + first * (4 - kind.itemsize)
         unpacking = zlib.decompressobj()
         content = unpacking.decompress(base64.b64decode(self.packed, validate=True), expected + 1)
         if len(content) != expected:
             raise ValueError(f"an array of {self.shape} has not the {expected} bytes that it needs")
-        if not self.delta:
+        if not self.series:
             return np.frombuffer(content, kind).reshape(self.shape)
         begin = np.frombuffer(content[: 4 * first], "<i4").astype(np.int64)
         steps = np.frombuffer(content[4 * first :], kind).astype(np.int64)
         steps = steps.reshape(first, max(self.shape[0] - 1, 0))
-        series = np.concatenate([begin[:, None], steps], axis=1)
-        return np.cumsum(series, axis=1).T.reshape(self.shape).astype(np.int32)
+        all_states = np.concatenate([begin[:, None], steps], axis=1)
+        return np.cumsum(all_states, axis=1).T.reshape(self.shape).astype(np.int32)
 
     def values(self) -> NDArray[np.float64]:
         """The values, in float64."""
@@ -137,7 +137,7 @@ def _differences(numbers: NDArray[np.float64], **meaning: float) -> Packed:
     content = states[0].astype("<i4").tobytes()
     content += series.astype(np.dtype(kind).newbyteorder("<")).tobytes()
     shape = list(states.shape)
-    return Packed(packed=_text(content), type=kind, shape=shape, delta=True, **meaning)
+    return Packed(packed=_text(content), type=kind, shape=shape, series=True, **meaning)
 
 
 def _fit(steps: NDArray[np.int64], kind: Kind) -> bool:

@@ -49,7 +49,7 @@ def test_the_bytes_are_what_the_page_reads():
     packed = pack_states([[10, -1], [12, -1], [11, -5]], 1.0)
     content = zlib.decompress(base64.b64decode(packed.packed))
     assert content == bytes([10, 0, 0, 0, 255, 255, 255, 255, 2, 255, 0, 252])
-    assert (packed.type, packed.shape, packed.delta) == ("int8", [3, 2], True)
+    assert (packed.type, packed.shape, packed.series) == ("int8", [3, 2], True)
     assert zlib.decompress(base64.b64decode(pack([1.0], "float32").packed)) == b"\0\0\x80\x3f"
 
 
