@@ -38,7 +38,7 @@ LIBRARIES = {
     "callbacks": {"stable_baselines3", "torch"},
     "experiments": {"filelock", "matplotlib", "mlflow", "numpy", "pyarrow", "pydantic", "scipy"}
     | {"safetensors", "stable_baselines3", "tensorboard", "threadpoolctl", "torch", "trackio"}
-    | {"defusedxml", "pymap3d", "pyogrio", "shapely"},
+    | {"PIL", "defusedxml", "pymap3d", "pyogrio", "shapely"},
     "cli": {"rich", "typer"},  # no logic of its own, hence neither numpy nor torch
 }
 """What each room may import of other people's."""

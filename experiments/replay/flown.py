@@ -1,6 +1,7 @@
 """Replays of methods on one held-out topology: flown, recorded, and put into a document."""
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -73,8 +74,7 @@ def replay_of_flights(
     setting: Setting,
     topology: Topology,
     telling: Telling | None = None,
-    stop: Callable[[], bool] = lambda: False,
-) -> tuple[ReplayDocument, list[Recording]]:
+) -> ReplayDocument:
     """Fly one or two methods on the same topology, and tell how it went.
 
     Args:
@@ -83,10 +83,6 @@ def replay_of_flights(
         setting: what is changed of it.
         topology: where people are and how they walk.
         telling: is told how far it is.
-        stop: asked in every slot.
-
-    Returns:
-        The document, and what it was made from, one for each method.
 
     Raises:
         InputError: something cannot be flown, or not be compared.
@@ -95,13 +91,13 @@ def replay_of_flights(
     if not 1 <= len(contenders) <= MOST_FLIGHTS:
         raise InputError(f"{len(contenders)} methods: a replay shows one, or two side by side")
     held_out = HeldOut(world, setting, [topology.own_seed])
-    recordings = [_flown(contender, held_out, telling, stop) for contender in contenders]
+    recordings = [_flown(contender, held_out, telling) for contender in contenders]
     _check_same_topology(contenders, recordings)
     network = setting.apply(world).network
     first = recordings[0]
     labels = _labels(contenders)
     walks = not np.array_equal(first.users_m[0], first.users_m[-1]) or network.user_speed_mps > 0.0
-    document = ReplayDocument(
+    return ReplayDocument(
         schema=SCHEMA,
         title=" beside ".join(labels),
         subtitle=f"{setting_text(setting._asdict())}; {_name_of(topology)}",
@@ -127,7 +123,6 @@ def replay_of_flights(
         ],
         place=None,
     )
-    return document, recordings
 
 
 def described(metric: str) -> ReplayMetric:
@@ -138,24 +133,22 @@ def described(metric: str) -> ReplayMetric:
     )
 
 
-def _flown(
-    contender: Contender, held_out: HeldOut, telling: Telling, stop: Callable[[], bool]
-) -> Recording:
+def mean_metrics(flight: ReplayFlight) -> dict[str, float | None]:
+    """Means over the slots, by name and in the units of evaluations; None where there is none."""
+    means = {
+        name: float(packed.values().mean()) / METRICS[name].scale
+        for name, packed in flight.metrics.items()
+    }
+    return {name: mean if math.isfinite(mean) else None for name, mean in means.items()}
+
+
+def _flown(contender: Contender, held_out: HeldOut, telling: Telling) -> Recording:
     parameters, topologies = held_out.of(contender)
     network = parameters.network
     check_size(network.episode_slots, network.uav_count, network.user_count)
     telling.begins(contender.key, network.episode_slots)
-
-    def heed_stop() -> None:
-        if stop():
-            raise KeyboardInterrupt
-
-    def slot_flown() -> None:
-        telling.advances()
-        heed_stop()
-
-    started = begin_flight(contender, parameters, topologies, held_out.seeds, heed_stop)
-    return record(*started, slot_flown)
+    world, method = begin_flight(contender, parameters, topologies, held_out.seeds)
+    return record(world, method, telling.advances)
 
 
 def _check_same_topology(contenders: Sequence[Contender], recordings: list[Recording]) -> None:

@@ -26,7 +26,7 @@ _LARGEST = 2**28
 class Packed(Document):
     """An array of numbers.
 
-    Unpack: base64, then zlib, then read as ``type``, little-endian, in C order. With ``series``, the
+    Unpack: base64, then zlib, then read as ``type``, little-endian, in C order. With ``series`` the
     bytes are those of states along the first axis, of which each has ``size`` numbers, the product
     of ``shape[1:]``: first the first state, ``size`` numbers of int32; then for number 0 of a state
     all its differences from one state to the next, ``shape[0] - 1`` numbers of ``type``; then those
