@@ -36,6 +36,8 @@ TRAIL_SLOTS = 60
 _GROUND, _LINE, _QUIET, _ALARM = "#F6F6F3", "#777777", "#5A6169", "#C00000"
 _TITLE_IN, _LEGEND_IN, _CURVES_IN, _MARGIN_IN = 0.62, 0.3, 1.5, 0.12
 _NUMBERS_IN = 0.2
+_PERSON_PT2, _LARGEST_PERSON = 20.0, 6.0
+"""Area of a person's mark, and how much larger one is at most that stands for many."""
 _LEAST_ASPECT, _GREATEST_ASPECT = 0.4, 1.6
 """Height over width of a map; areas that are longer get empty margins."""
 
@@ -148,7 +150,7 @@ class Painter:
             "markeredgewidth": 1.6,
             "markersize": 9,
         }
-        label = "worst off of the drones' people"
+        label = "worst off" if self.scene.targets.all() else "worst off of the drones' people"
         entries.append(Line2D([], [], marker="o", label=label, **(look | ring)))
         self._figure.legend(
             handles=entries,
@@ -207,9 +209,9 @@ class _Map(_Part):
         for collection in (self._links, self._trails, self._circles):
             axes.add_collection(collection, autolim=False)
         kinds: tuple[tuple[str, dict[str, Any]], ...] = (
-            ("o", {"edgecolors": "white", "linewidths": 0.4, "s": 22}),
-            ("s", {"color": MAST, "edgecolors": "white", "linewidths": 0.4, "s": 18}),
-            ("x", {"color": UNSERVED, "linewidths": 1.0, "s": 18}),
+            ("o", {"edgecolors": "white", "linewidths": 0.4}),
+            ("s", {"color": MAST, "edgecolors": "white", "linewidths": 0.4}),
+            ("x", {"color": UNSERVED, "linewidths": 1.0}),
         )
         self._people = [
             axes.scatter([], [], marker=marker, zorder=4, **look, **still) for marker, look in kinds
@@ -232,6 +234,9 @@ class _Map(_Part):
             )
             for index in range(drones)
         ]
+        weights = scene.document.users.weights
+        sizes = np.ones(scene.users_m.shape[1]) if weights is None else np.sqrt(weights)
+        self._sizes = np.minimum(sizes, _LARGEST_PERSON)
         turn = np.linspace(0.0, 2.0 * np.pi, 49)
         self._circle_m = flight.radius_m * np.stack([np.cos(turn), np.sin(turn)], axis=1)
 
@@ -252,13 +257,12 @@ class _Map(_Part):
         )
         yield self._trails
         if flight.stations_m is not None:
-            self._circles.set_segments(
-                flight.stations_m[slot][:, None] + self._circle_m  # type: ignore[arg-type]
-            )
+            self._circles.set_segments(flight.stations_m[slot][:, None] + self._circle_m)
             yield self._circles
         self._people[0].set_facecolor(colours.tolist())
         for people, chosen in zip(self._people, (of_drone, ~of_drone & ~alone, alone), strict=True):
             people.set_offsets(users_m[chosen])
+            people.set_sizes(_PERSON_PT2 * self._sizes[chosen])
             yield people
         worst = flight.worst_off(slot, users_m, self._scene.targets)
         if worst is not None:
