@@ -23,9 +23,9 @@ train: install  ## train the paper's run: 700 episodes, 2 to 5 minutes
 test: install  ## run the tests
 	$(BIN)/python -m pytest -n $(JOBS)
 
-test-browser: install  ## the page of replays in a real Chromium, which must be installed; half a minute
+test-browser: install  ## the page of replays in a real Chromium, which must be installed
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt playwright
-	$(BIN)/python -m pytest -m browser tests/browser
+	$(BIN)/python -m pytest -n $(JOBS) -m browser tests/browser
 
 test-lowest: .venv-lowest/.installed  ## run the tests with the lowest versions that pyproject.toml admits
 test-newest: .venv-newest/.installed  ## run the tests with the newest versions of all but torch

@@ -148,7 +148,7 @@ def test_no_room_is_a_heap():
 
 
 def test_tests_lie_in_the_rooms_of_what_they_test():
-    rooms = {*PLACES, "storage", "studies", "helpers", "data"}
+    rooms = {*PLACES, "browser", "storage", "studies", "helpers", "data"}
     folders = {path.name for path in (ROOT / "tests").iterdir() if path.is_dir()}
     assert folders - {"__pycache__"} <= rooms
 

@@ -52,7 +52,11 @@ def page_html(document_json: str, title: str) -> str:
 
 @cache
 def _part(name: str) -> str:
-    return files(__package__).joinpath(*name.split("/")).read_text(encoding="utf-8")
+    return (
+        files("orchid_uav.experiments.replay.page")
+        .joinpath(*name.split("/"))
+        .read_text(encoding="utf-8")
+    )
 
 
 @cache
