@@ -295,3 +295,11 @@ class TestPictures:
         assert colours_in(picture_of(page)) > 100
         seek(page, 33)
         assert page.locator("#slot").inner_text() == f"33 / {SLOTS}"
+
+    def test_slow_pictures_are_noticed(self, open_page):
+        slow = "window.requestAnimationFrame = (f) => setTimeout(() => f(performance.now()), 350)"
+        page = open_page(MADE.json, arguments=WITH_WEBGL, before=slow)
+        page.locator("#speed").select_option("1")
+        page.locator("#play").click()
+        page.locator("#notice").wait_for(timeout=60_000)
+        assert "slow in this browser" in page.locator("#notice").inner_text()

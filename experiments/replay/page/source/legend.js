@@ -17,10 +17,11 @@ export function showLegend(replay, look, byRate) {
   const items = [
     [mark(SHAPES.disc, neutral, 11, look), "served by a drone"],
     ...(drones > look.drones.length
-      ? [[mark(SHAPES.ring, neutral, 12, look), `served by drone ${look.drones.length} or above`]]
+      ? [[mark(SHAPES.ring, neutral, 12, look), "by another drone of the same colour"]]
       : []),
     ...(replay.masts.length ? [[mark(SHAPES.square, byRate ? look.rates[2] : look.mast, 11, look), "served by a mast"]] : []),
     [mark(SHAPES.cross, look.unserved, 11, look), "not served"],
+    ...(replay.flights.some((flight) => flight.stations) ? [[circle(look), "circle that a drone is to fly"]] : []),
   ];
   const ends = [...look.bounds.map((bound) => `under ${roundRateText(bound)}`), "more"];
   const rates = ends.map((text, kind) => [
@@ -28,7 +29,7 @@ export function showLegend(replay, look, byRate) {
     text,
   ]);
   byId("legend").replaceChildren(
-    list("People", items),
+    list("Marks", items),
     list(byRate ? "Their rate: size and colour" : "Their rate: size", rates),
   );
 }
@@ -55,6 +56,11 @@ function mark(shape, colour, size, look) {
     [SHAPES.cross]: () => [makeSvg("path", { d: `M${-half} ${-half}L${half} ${half}M${-half} ${half}L${half} ${-half}`, stroke: colour, "stroke-width": 2.2 })],
   };
   return makeSvg("svg", { viewBox: "-8 -8 16 16", "aria-hidden": "true" }, ...shapes[shape]());
+}
+
+function circle(look) {
+  const line = { r: 7, fill: "none", stroke: droneColour(look, 0), "stroke-width": 1.5, "stroke-dasharray": "3 2" };
+  return makeSvg("svg", { viewBox: "-8 -8 16 16", "aria-hidden": "true" }, makeSvg("circle", line));
 }
 
 function list(name, items) {

@@ -10,6 +10,9 @@ import { Views } from "./views.js";
 
 const WORDS_EVERY_MS = 200;
 const TRAIL_S = 40;
+/** Time between pictures, over several, from which on three dimensions are too slow to be of use. */
+const SLOW_MS = 300;
+const PICTURES = 10;
 const CALM = matchMedia("(prefers-reduced-motion: reduce)");
 
 async function start() {
@@ -51,8 +54,23 @@ async function start() {
     byId("view-3d").checked = true;
     views.choose(true);
   }
+  noticeSlowness(player, views);
   document.documentElement.dataset.ready = views.has3d ? "3d" : "2d";
   if (!CALM.matches && !location.hash) player.play();
+}
+
+/** Without a graphics card the processor draws: then say which view is fast. */
+function noticeSlowness(player, views) {
+  let times = [];
+  const watch = () => {
+    times = player.isPlaying && views.is3d ? [...times, performance.now()] : [];
+    if (times.length <= PICTURES) return;
+    player.removeEventListener("change", watch);
+    if (times[PICTURES] - times[0] > PICTURES * SLOW_MS) {
+      views.notice("Three dimensions are slow in this browser, perhaps without a graphics card: the 2-D view shows the same.");
+    }
+  };
+  player.addEventListener("change", watch);
 }
 
 function showHeader(replay) {
@@ -61,6 +79,7 @@ function showHeader(replay) {
   setText(byId("subtitle"), replay.subtitle);
   if (replay.place) {
     const { lat, lon } = replay.place;
+    byId("place").hidden = false;
     setText(byId("place"), `The middle of the area lies at ${lat.toFixed(5)}°, ${lon.toFixed(5)}° (latitude, longitude).`);
   }
 }

@@ -95,9 +95,14 @@ export class Views {
     this.has3d = false;
     byId("view-3d").disabled = true;
     byId("view-2d").checked = true;
-    byId("notice").hidden = false;
-    setText(byId("notice"), reason);
+    this.notice(reason);
     this.choose(false);
+  }
+
+  /** @param {string} text what people should know about the pictures */
+  notice(text) {
+    byId("notice").hidden = false;
+    setText(byId("notice"), text);
   }
 
   resize() {
