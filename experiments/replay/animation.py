@@ -41,7 +41,7 @@ def frame_slots(slots: int, every: int | None) -> list[int]:
 
 def still_png(scene: Scene, slot: int, width_px: int) -> bytes:
     """The picture of one slot as PNG."""
-    return _encoded(Image.fromarray(Painter(scene, width_px).paint(slot)), "PNG", optimize=True)
+    return _encoded(Image.fromarray(Painter(scene, width_px).paint(slot)), "PNG")
 
 
 def animation(

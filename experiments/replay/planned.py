@@ -109,7 +109,7 @@ def replay_of_plan(directory: Path) -> ReplayDocument:
         return _document(plan, site, people)
     except OSError as error:
         raise InputError(f"cannot read {error.filename or path}: {reason_of(error)}") from error
-    except ValueError as error:
+    except (ValueError, TypeError, LookupError) as error:
         raise InputError(f"cannot replay the plan {path}: {in_one_line(error)}") from error
 
 
