@@ -158,7 +158,7 @@ class TestReplay:
         (a_plan / "plan.json").write_text(json.dumps(described))
         table = a_plan / "people.csv"
         table.write_text(table.read_text().replace("uav_0", hostile), encoding="utf-8")
-        assert orchid("replay", METHODS.split(",")[0], *QUICK, "-o", "usual.html").code == 0
+        assert orchid("replay", "--methods=track", *QUICK, "-o", "usual.html").code == 0
         usual = _Elements((tmp_path / "usual.html").read_text(encoding="utf-8")).names
         for number, given in enumerate((["--method", f"{own}:Mine", *QUICK], [a_plan])):
             page = tmp_path / f"{number}.html"

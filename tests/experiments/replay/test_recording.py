@@ -20,6 +20,7 @@ from orchid_uav.experiments.replay.page.page import page_html
 from orchid_uav.experiments.replay.scene import unpack
 
 SLOTS = 12
+FIRST = Topology(0, 0)
 SETTING = Setting(uavs=3, users=30, speed_mps=7.0, heading_hold_s=4.0)
 
 
@@ -30,7 +31,7 @@ def parameters_with(**values):
     )
 
 
-def replayed(*methods, setting=SETTING, topology=Topology(0, 0), **values):
+def replayed(*methods, setting=SETTING, topology=FIRST, **values):
     contenders = [select([method])[0] for method in methods]
     document = replay_of_flights(contenders, parameters_with(**values), setting, topology)
     # As it is read from a page.
