@@ -87,12 +87,13 @@ def open_page(launch, tmp_path: Path) -> Iterator[Callable[..., Any]]:
         context = launch(arguments).new_context(offline=True, **options)
         contexts.append(context)
         page = context.new_page()
+        page.set_default_timeout(120_000)
         watch(page, path.as_uri())
         if before:
             page.add_init_script(before)
         page.goto(path.as_uri() + address)
         if wait:
-            page.wait_for_selector("html[data-ready]", timeout=60_000)
+            page.wait_for_selector("html[data-ready]")
         return page
 
     open_it.complaints = complaints
