@@ -20,7 +20,6 @@ from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
 from orchid_uav.experiments.replay.page.page import page_html
-from studies.flight import committed
 
 ROOT = Path(__file__).parents[2]
 PAGES = {
@@ -94,9 +93,10 @@ def on_page_content(content: str, *, page: Page, config: MkDocsConfig, files: Fi
 
 
 def _flight_page() -> str:
-    """The page of the committed replay, as ``orchid replay`` would write it."""
-    document = committed()
-    return page_html(json.dumps(document.to_json(), ensure_ascii=False), document.title)
+    """The page of the replay that ``studies.flight`` recorded, as ``orchid replay`` writes it."""
+    recorded = ROOT / "studies" / "results" / "flight.json"
+    document = json.loads(recorded.read_text(encoding="utf-8"))["replay"]
+    return page_html(json.dumps(document, ensure_ascii=False), document["title"])
 
 
 def _outside_code(markdown: str, change: Callable[[str], str]) -> str:
