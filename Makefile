@@ -6,13 +6,14 @@
 PYTHON ?= python3
 BIN := .venv/bin
 ROOMS := src envs agents callbacks experiments orchid_cli
+PAGE := experiments/replay/page
 JOBS ?= 2
 
 .DEFAULT_GOAL := help
-.PHONY: help install train test test-lowest test-newest lint bench docs docs-data mutants reference studies ablation reproduce public validation fixed-batch clean FORCE
+.PHONY: help install train test test-browser test-lowest test-newest lint replay-page bench docs docs-data mutants reference studies ablation reproduce public validation fixed-batch clean FORCE
 
 help:  ## list the targets
-	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
 
 install: .venv/.linked  ## build .venv with the development extras
 
@@ -21,6 +22,10 @@ train: install  ## train the paper's run: 700 episodes, 2 to 5 minutes
 
 test: install  ## run the tests
 	$(BIN)/python -m pytest -n $(JOBS)
+
+test-browser: install  ## the page of replays in a real Chromium, which must be installed
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt playwright
+	$(BIN)/python -m pytest -n $(JOBS) -m browser tests/browser
 
 test-lowest: .venv-lowest/.installed  ## run the tests with the lowest versions that pyproject.toml admits
 test-newest: .venv-newest/.installed  ## run the tests with the newest versions of all but torch
@@ -69,6 +74,9 @@ fixed-batch: install public  ## BenchMARL's numbers that tests compare with, int
 
 docs-data: install  ## numbers and figures of the documentation, from studies/results
 	$(BIN)/python -m studies.pages.generate
+
+replay-page:  ## bundle the scripts of the page of replays anew; needs node
+	cd $(PAGE)/build && npm install --silent --no-package-lock --no-audit --no-fund && node build.mjs
 
 # Not --quiet, which also turns --strict off. The variable silences an advertisement of the theme.
 docs: install  ## build the documentation into site/; a dead link fails
@@ -126,7 +134,7 @@ export NO_COMPILER
 
 # Rewritten only when the list of files has changed.
 .venv/.files: FORCE | .venv/.installed
-	@{ find $(ROOMS) -name '*.py'; find runs/reference -type f; } | LC_ALL=C sort > $@.new
+	@{ find $(ROOMS) -name '*.py'; find runs/reference $(PAGE)/bundle $(PAGE)/*.* -type f; } | LC_ALL=C sort > $@.new
 	@cmp -s $@.new $@ || cp $@.new $@
 	@rm $@.new
 

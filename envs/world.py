@@ -411,15 +411,21 @@ class WorldBatch:
         return dict(zip(SLOT_METRICS, self.arrays.metrics[world].tolist(), strict=True))
 
     def gbs_rates_bps(self) -> NDArray[np.float64]:
-        """Rates (B, M) of the users that masts serve, 0 for others (decisions M4 and M45).
+        """Rates (B, M) of the users that masts serve, 0 for others (decisions M4 and M45)."""
+        return self.mast_service()[1]
+
+    def mast_service(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """The mast that serves each user, -1 for others, and the rates there, 0 for others.
 
         A user that is not a target belongs to the mast that it receives best, which shares its
-        bandwidth equally among those of its users that reach the required SNR.
+        bandwidth equally among those of its users that reach the required SNR (decisions M4 and
+        M45). Both are (B, M).
         """
         gbs, radio = self.parameters.gbs, self.parameters.channel
         masts_m = self.constants.gbs_positions_m
         if not len(masts_m):
-            return np.zeros((self.world_count, self.user_count))
+            nobodys = (self.world_count, self.user_count)
+            return np.full(nobodys, -1), np.zeros(nobodys)
         apart_m = self.arrays.user_coordinates_m[:, None] - masts_m[:, :2, None]
         distance_m = np.sqrt((apart_m**2).sum(axis=2) + masts_m[:, 2:] ** 2)
         loss_db = channel.ground_path_loss_db(
@@ -435,7 +441,7 @@ class WorldBatch:
         share = equal_share(np.maximum(np.take_along_axis(loads, own_mast, axis=1), 1))
         efficiency = channel.spectral_efficiency(snr)
         rates = user_rate_bps(share, gbs.access_bandwidth_hz, efficiency)
-        return np.where(served, rates, 0.0)
+        return np.where(served, own_mast, -1), np.where(served, rates, 0.0)
 
     def snapshot(self, world: int = 0) -> dict[str, NDArray[np.generic] | int]:
         """Copies of one world's state for renderers and checkers; valid from slot 0 on.

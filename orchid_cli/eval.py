@@ -36,22 +36,14 @@ from orchid_uav.cli.options import (
     with_flags,
 )
 from orchid_uav.cli.ranges import MOST_VALUES
-from orchid_uav.experiments.configuration import (
-    LEARNING_SECTIONS,
-    RunConfig,
-    assignment_layer,
-    file_layer,
-    flatten,
-    merge,
-    spare_uavs_note,
-)
+from orchid_uav.cli.worlds import tell_differences, world_of
+from orchid_uav.experiments.configuration import RunConfig, flatten, spare_uavs_note
 from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.runs.records import DEFAULT_RUNS_DIR
 from orchid_uav.notices import show_on_stderr
 from orchid_uav.suggestions import unknown
 
 if TYPE_CHECKING:
-    from orchid_uav.experiments.configuration import Layer
     from orchid_uav.experiments.evaluation.flights import Plan, Setting
     from orchid_uav.experiments.evaluation.methods import Contender
 
@@ -166,7 +158,7 @@ def evaluate(
         from orchid_uav.experiments.figures.contact_sheet import SHEET_FILE
         from orchid_uav.experiments.runs.records import expanded, find_run
 
-        world = _world(config, assignments or [])
+        world = world_of(config, assignments or [])
         settings = _settings(world, flags)
         shown_metrics = _metrics(metrics)
         paths = [find_run(name, expanded(runs_dir)) for name in runs or []]
@@ -182,7 +174,7 @@ def evaluate(
             {} if out is None else read_interrupted(expanded(out), plan, description, print_note)
         )
         shown = console(stderr=as_json)
-        _tell_differences(plan, world)
+        tell_differences(plan.contenders, world)
         for note in dict.fromkeys(spare_uavs_note(one.apply(plan.world)) for one in settings):
             if note:
                 print_note(note)
@@ -255,32 +247,6 @@ def _settings(world: "RunConfig", flags: Mapping[str, str]) -> list["Setting"]:
     return [Setting(*combination) for combination in itertools.product(*lists)]
 
 
-def _world(config: Path | None, assignments: list[str]) -> "RunConfig":
-    from orchid_uav.experiments.configuration import SETTING_KEYS
-    from orchid_uav.experiments.evaluation.methods import METHOD_KEYS
-
-    layers: list[Layer] = [] if config is None else [file_layer(config, print_note)]
-    given = assignment_layer(assignments)
-    for key in given.values:
-        if key in SETTING_KEYS:
-            raise InputError(f"--set {key}: use {SETTING_KEYS[key]}, which takes lists")
-        if key in METHOD_KEYS:
-            raise InputError(f"--set {key}: each method sets this itself; see --methods")
-        if key.partition(".")[0] in LEARNING_SECTIONS:
-            raise InputError(f"--set {key}: nothing is trained here, so it would have no effect")
-    merged, sources = merge([*layers, given])
-    idle = [
-        key
-        for key, source in sources.items()
-        if source == str(config)
-        and flatten(merged)[key] != flatten(RunConfig())[key]
-        and (key in METHOD_KEYS or key.partition(".")[0] in LEARNING_SECTIONS)
-    ]
-    if idle:
-        print_note(f"these keys of {config} have no effect here: {', '.join(idle)}")
-    return merged
-
-
 def _plan(
     contenders: list["Contender"],
     settings: list["Setting"],
@@ -324,18 +290,3 @@ def _announce(out: Console, plan: "Plan", flown: dict[Any, Any]) -> None:
     product = " x ".join(f"{count:,} {what}{'' if count == 1 else 's'}" for count, what in counts)
     before = f", {len(flown)} batches of them already flown" if flown else ""
     print_line(out, f"{product} x {plan.episodes:,} topologies = {total:,} flights{before}")
-
-
-def _tell_differences(plan: "Plan", world: "RunConfig") -> None:
-    """Print notes on runs that were interrupted, or trained in another world."""
-    from orchid_uav.experiments.evaluation.flights import world_differences
-
-    told: set[str] = set()
-    for contender in plan.contenders:
-        if contender.policy is not None and contender.policy.run not in told:
-            told.add(contender.policy.run)
-            if not contender.policy.is_complete:
-                print_note(f"run {contender.policy.run} was interrupted")
-            differing = world_differences(contender.policy, world)
-            if differing:
-                print_note(f"{contender.key} was trained in another world: {', '.join(differing)}")

@@ -163,6 +163,13 @@ SettingFlags = Annotated[
     ),
 ]
 """Lists of values for the keys in which worlds differ."""
+OneSettingFlags = Annotated[
+    dict[str, Any],
+    _Flags(
+        tuple(key for key, flag in FLAGS.items() if flag.varies == "world"), panel=SETTINGS_PANEL
+    ),
+]
+"""One value for each of the same keys."""
 
 
 def with_flags(command: Callable[..., None]) -> Callable[..., None]:
@@ -244,8 +251,12 @@ def configuration(
         # before version 0.29 Typer leaves it a str
         layers.append(file_layer(Path(config), print_note))
     layers.append(assignment_layer(assignments or [], set_option))
-    layers += [_layer_of(f"--{FLAGS[key].name}", key, value) for key, value in flags.items()]
-    return merge(layers)
+    return merge([*layers, *flag_layers(flags)])
+
+
+def flag_layers(flags: Mapping[str, Any]) -> list[Layer]:
+    """The values of options, by key."""
+    return [_layer_of(f"--{FLAGS[key].name}", key, value) for key, value in flags.items()]
 
 
 def _layer_of(option_name: str, key: str, value: Any) -> Layer:

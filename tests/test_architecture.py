@@ -38,7 +38,7 @@ LIBRARIES = {
     "callbacks": {"stable_baselines3", "torch"},
     "experiments": {"filelock", "matplotlib", "mlflow", "numpy", "pyarrow", "pydantic", "scipy"}
     | {"safetensors", "stable_baselines3", "tensorboard", "threadpoolctl", "torch", "trackio"}
-    | {"defusedxml", "pymap3d", "pyogrio", "shapely"},
+    | {"PIL", "defusedxml", "pymap3d", "pyogrio", "shapely"},
     "cli": {"rich", "typer"},  # no logic of its own, hence neither numpy nor torch
 }
 """What each room may import of other people's."""
@@ -50,7 +50,7 @@ STOREYS = (
     {"figures", "runs"},
     {"evaluation", "training"},
     {"ablation", "planning"},
-    {"reproduction"},
+    {"replay", "reproduction"},
 )
 """Of ``experiments/``: flat files first, then rooms. Each may import what stands before its own."""
 
@@ -148,7 +148,7 @@ def test_no_room_is_a_heap():
 
 
 def test_tests_lie_in_the_rooms_of_what_they_test():
-    rooms = {*PLACES, "storage", "studies", "helpers", "data"}
+    rooms = {*PLACES, "browser", "storage", "studies", "helpers", "data"}
     folders = {path.name for path in (ROOT / "tests").iterdir() if path.is_dir()}
     assert folders - {"__pycache__"} <= rooms
 

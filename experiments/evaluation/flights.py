@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from orchid_uav.agents.controllers.controller import Controller
 from orchid_uav.agents.controllers.planner import Planner
 from orchid_uav.envs.diagnostics import Diagnostics
 from orchid_uav.envs.parameters import Distribution, NetworkParameters, Parameters
@@ -168,7 +169,9 @@ def evaluate(
         # One thread: matrices are small, and metrics must not depend on the number of cores.
         with threadpool_limits(1):
             for setting, flights in itertools.groupby(waiting, lambda flight: flight.setting):
-                topologies = _Topologies(plan, setting)
+                topologies = HeldOut(
+                    plan.world, setting, evaluation_seeds(plan.seed, plan.episodes)
+                )
                 try:
                     for flight in flights:
                         done[flight.key] = _fly(plan, flight, topologies, progress, heed_stop)
@@ -201,16 +204,29 @@ def _cost(flight: Flight) -> float:
     return flight.contender.cost * flight.setting.uavs
 
 
-class _Topologies:
-    """Held-out topologies of a setting, drawn once for methods with the same start and world."""
+class HeldOut:
+    """Held-out topologies of a setting, drawn once for methods with the same start and world.
 
-    def __init__(self, plan: Plan, setting: Setting) -> None:
-        self.seeds = evaluation_seeds(plan.seed, plan.episodes)
-        self._parameters = setting.apply(plan.world)
+    Args:
+        world: in which they lie.
+        setting: what is changed of it.
+        seeds: of the topologies.
+
+    Raises:
+        InputError: the setting cannot be flown.
+    """
+
+    def __init__(self, world: Parameters, setting: Setting, seeds: Sequence[int]) -> None:
+        self.seeds = seeds
+        self._parameters = setting.apply(world)
         self._drawn: dict[Any, Topologies] = {}
 
     def of(self, contender: Contender) -> tuple[Parameters, Topologies]:
-        """The parameters that a method flies with, and its topologies."""
+        """The parameters that a method flies with, and its topologies.
+
+        Raises:
+            InputError: the method has no start there.
+        """
         parameters = self._parameters.with_overrides(dict(contender.overrides))
         # Of these, nothing affects what is drawn.
         kind = parameters.model_dump_json(
@@ -237,7 +253,7 @@ class _Topologies:
 def _fly(
     plan: Plan,
     flight: Flight,
-    topologies: _Topologies,
+    topologies: HeldOut,
     progress: FlightProgress,
     heed_stop: Callable[[], None],
 ) -> Metrics:
@@ -272,18 +288,13 @@ def _fly_batch(
     cost: float,
     heed_stop: Callable[[], None],
 ) -> Metrics:
-    world = WorldBatch(parameters, worlds=len(seeds), seed=0, threads=usable_cores())
-    world.set_progress(plan.training_progress)
-    world.use_topology(topologies)
-    method = contender.make(seeds)
-
     def plan_made() -> None:
         progress.advance(cost / len(seeds))
         heed_stop()
 
-    if isinstance(method, Planner):  # the planner takes most of its time before it flies
-        method.after_each = plan_made
-    method.begin(world)
+    world, method = begin_flight(
+        contender, parameters, topologies, seeds, plan_made, plan.training_progress
+    )
     diagnostics = Diagnostics(world)
     diagnostics.begin()
     for slot in range(1, parameters.network.episode_slots + 1):
@@ -293,13 +304,41 @@ def _fly_batch(
             diagnostics.begin()
         world.step(method.act(world))
         diagnostics.observe()
-    if not isinstance(method, Planner):
+    if not isinstance(method, Planner):  # which takes most of its time before it flies
         progress.advance(cost)
     episodes = [
         world.episode_metrics(index) | diagnostics.episode_metrics(index)
         for index in range(len(seeds))
     ]
     return {name: np.array([episode[name] for episode in episodes]) for name in EVALUATION_METRICS}
+
+
+def begin_flight(
+    contender: Contender,
+    parameters: Parameters,
+    topologies: Topologies,
+    seeds: Sequence[int],
+    plan_made: Callable[[], None] | None = None,
+    training_progress: float = 1.0,
+) -> tuple[WorldBatch, Controller]:
+    """Worlds on given topologies, as they are before the first slot, and who flies in them.
+
+    Args:
+        contender: the method.
+        parameters: those of the method's worlds.
+        topologies: one for each seed.
+        seeds: of the topologies.
+        plan_made: called after each of the plans of a method that plans before it flies.
+        training_progress: the weights of the reward are those at this progress τ.
+    """
+    world = WorldBatch(parameters, worlds=len(seeds), seed=0, threads=usable_cores())
+    world.set_progress(training_progress)
+    world.use_topology(topologies)
+    method = contender.make(seeds)
+    if plan_made is not None and isinstance(method, Planner):
+        method.after_each = plan_made
+    method.begin(world)
+    return world, method
 
 
 def summarise_flights(

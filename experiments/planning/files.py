@@ -19,6 +19,7 @@ from orchid_uav.experiments.errors import InputError, RunFailedError
 from orchid_uav.experiments.planning.flown import find_method
 from orchid_uav.experiments.planning.maps.geojson import people_geojson, stations_geojson
 from orchid_uav.experiments.planning.maps.kml import plan_kml
+from orchid_uav.experiments.planning.maps.people_csv import people_csv
 from orchid_uav.experiments.planning.maps.report import report_html
 from orchid_uav.experiments.planning.mission_files import mission_files
 from orchid_uav.experiments.planning.missions.fence import fence_geojson
@@ -54,6 +55,8 @@ from orchid_uav.storage.files import json_bytes
 
 DEFAULT_PARENT = Path("orchid-plan")
 PLAN_FILE, REPORT_FILE = "plan.json", "report.html"
+PEOPLE_MAP, PEOPLE_TABLE = "people.geojson", "people.csv"
+"""Who is served by whom; the table is for plans in local metres."""
 _BESIDE_ZONES_M = 50.0
 """A home that nobody gave keeps this far from no-fly zones."""
 _LEAST_FROM_MASTS_M = 20.0
@@ -141,7 +144,7 @@ def task_of(
     if not table.on_earth:
         notes.append(
             "People are given in metres, so the plan has no place on earth: it gets a "
-            "report, and neither maps nor missions."
+            "report and a table of people, and neither maps nor missions."
         )
     for one in zones.values():
         notes += notes_on_zones(one, site)
@@ -223,7 +226,7 @@ def check_free(directory: Path | None) -> None:
 def write_plan(planned: Planned, directory: Path | None, firmware: Firmware) -> Path:
     """Write all files of a plan, or none; returns the directory.
 
-    A plan in local metres has no place on earth, and so gets neither maps nor missions.
+    A plan in local metres has no place on earth, and so gets a table in place of maps and missions.
 
     Args:
         planned: the plan.
@@ -266,9 +269,10 @@ def files_of(planned: Planned, firmware: Firmware) -> Iterator[tuple[str, bytes]
     yield PLAN_FILE, json_bytes(plan.document.to_json())
     yield REPORT_FILE, report_html(plan).encode()
     if planned.fence is None:
+        yield PEOPLE_TABLE, people_csv(plan)
         return
     yield "stations.geojson", json_bytes(stations_geojson(plan))
-    yield "people.geojson", json_bytes(people_geojson(plan))
+    yield PEOPLE_MAP, json_bytes(people_geojson(plan))
     yield "plan.kml", plan_kml(plan)
     yield "fence.geojson", json_bytes(fence_geojson(plan.surroundings))
     yield from mission_files(

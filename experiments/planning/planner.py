@@ -421,6 +421,7 @@ def _settings(task: Task) -> dict[str, JsonValue]:
         "home": home,
         "home_height_amsl_m": surroundings.home_height_amsl_m,
         "masts": masts,
+        "mast_heights_m": [mast.height_m for mast in surroundings.masts],
     }
 
 

@@ -295,7 +295,7 @@ def record_sources() -> Path:
 
 def figure_digests() -> dict[str, dict[str, str]]:
     """Digests of every committed figure and of its data, by the figure's name."""
-    drawn = [*FIGURES.glob("*.png"), *FIGURES.glob("*.svg")]
+    drawn = [path for kind in ("png", "svg", "webp") for path in FIGURES.glob(f"*.{kind}")]
     return {path.name: _digests(path) for path in sorted(drawn)}
 
 

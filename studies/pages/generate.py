@@ -13,6 +13,7 @@ from orchid_uav.envs.keys import FORMER_KEYS, fields_by_key, unit_of, values_of
 from orchid_uav.experiments.configuration import RunConfig
 from orchid_uav.experiments.planning.settings import PlanConfig
 from orchid_uav.experiments.presets import PRESETS
+from studies.flight import draw_flight
 from studies.pages.ablation import ABLATION_BLOCKS, draw_ablations
 from studies.pages.batches import BATCHES_BLOCKS
 from studies.pages.claims import CLAIMS_BLOCKS
@@ -132,6 +133,7 @@ def main() -> None:
         *draw_validation(),
         draw_pendulum(),
         draw_flying(),
+        draw_flight(),
     ]
     for path in [*drawn, record_sources()]:
         print(f"wrote {path.relative_to(ROOT)}")

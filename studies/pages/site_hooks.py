@@ -6,6 +6,7 @@ repository's address, and shows the version of the code for which the documentat
 """
 
 import html
+import json
 import posixpath
 import re
 from collections.abc import Callable, Iterator
@@ -18,6 +19,8 @@ from mkdocs.plugins import get_plugin_logger
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
+from orchid_uav.experiments.replay.page.page import page_html
+
 ROOT = Path(__file__).parents[2]
 PAGES = {
     "README.md": "index.md",
@@ -26,6 +29,8 @@ PAGES = {
 }
 """Files of the repository's root that become pages, and their paths on the site."""
 SOURCES = "source"
+FLIGHT = "flight.html"
+"""The replay that docs/replay.md shows in a frame."""
 FONT = "STIXTwoMath-Regular.ttf"
 """A font for formulas, since few systems have one; its licence is the OFL."""
 _LANGUAGES = {".py": "python", ".toml": "toml", ".json": "json", ".cff": "yaml", ".yml": "yaml"}
@@ -38,9 +43,10 @@ _logger = get_plugin_logger("orchid")
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add the pages of the root, a page for each linked file or directory, and the font."""
+    """Add the pages of the root, of linked files and directories, a replay, and the font."""
     font = Path(find_spec("ziamath").origin).parent / "fonts" / FONT
     files.append(File.generated(config, FONT, abs_src_path=str(font)))
+    files.append(File.generated(config, FLIGHT, content=_flight_page()))
     for path, uri in PAGES.items():
         files.append(File.generated(config, uri, abs_src_path=str(ROOT / path)))
     for page in list(files.documentation_pages()):
@@ -84,6 +90,13 @@ def on_page_content(content: str, *, page: Page, config: MkDocsConfig, files: Fi
         return f'<{found["tag"]} class="formula">{formula}</{found["tag"]}>'
 
     return _FORMULA.sub(typeset, content)
+
+
+def _flight_page() -> str:
+    """The page of the replay that ``studies.flight`` recorded, as ``orchid replay`` writes it."""
+    recorded = ROOT / "studies" / "results" / "flight.json"
+    document = json.loads(recorded.read_text(encoding="utf-8"))["replay"]
+    return page_html(json.dumps(document, ensure_ascii=False), document["title"])
 
 
 def _outside_code(markdown: str, change: Callable[[str], str]) -> str:

@@ -81,7 +81,7 @@ class TestPlan:
     def test_a_site_in_metres_gets_what_needs_no_place_on_earth(self, orchid, out, metres):
         finished = orchid("plan", metres, *QUICK, "--out", out, "--json")
         assert finished.code == 0, finished.err
-        assert {path.name for path in out.iterdir()} == {"plan.json", "report.html"}
+        assert {path.name for path in out.iterdir()} == {"plan.json", "report.html", "people.csv"}
         assert "no place on earth" in finished.err
         document = json.loads(finished.out)
         assert document == json.loads((out / "plan.json").read_text())
