@@ -12,9 +12,9 @@ from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.evaluation.flights import HeldOut, Setting, begin_flight
 from orchid_uav.experiments.evaluation.methods import Contender
 from orchid_uav.experiments.figures.style import setting_text
+from orchid_uav.experiments.markup import harmless
 from orchid_uav.experiments.metrics import METRICS
 from orchid_uav.experiments.planning.maps.drawing import mast_name
-from orchid_uav.experiments.planning.maps.wording import harmless
 from orchid_uav.experiments.replay.document import (
     DRONE_SCALE_M,
     POWER_SCALE_W,

@@ -34,7 +34,8 @@ def progress_block() -> str:
     dates = sorted({row.date for row in read_rows(ROWS)})
     done, wanted = sum(len(found.rows[key]) for key in trained), len(TRAININGS) * len(SEEDS)
     told = (
-        f"{done} of {wanted} trainings have their row, {found.missing} rows of all are missing; {found.hours} hours of one core "
+        f"{done} of {wanted} trainings have their row, {found.missing} rows of all are missing; "
+        f"{found.hours} hours of one core "
         f"so far ({', '.join(found.processors)}, {dates[0]} to {dates[-1]}, commits "
         f"{', '.join(f'`{commit[:7]}`' for commit in found.commits)})."
     )

@@ -13,8 +13,8 @@ import zlib
 from functools import cache
 from importlib.resources import files
 
+from orchid_uav.experiments.markup import harmless
 from orchid_uav.experiments.planning.maps.colours import ON_DARK, ON_WHITE
-from orchid_uav.experiments.planning.maps.wording import harmless
 
 _UNSAFE_IN_SCRIPT = re.compile("[<>&\u2028\u2029\ud800-\udfff]")
 _LONGEST_TITLE = 300
