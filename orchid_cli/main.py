@@ -12,6 +12,7 @@ from orchid_uav.cli.ablate import ablate
 from orchid_uav.cli.commands import Commands
 from orchid_uav.cli.console import FAILED, INTERRUPTED, WRONG_INPUT, print_error
 from orchid_uav.cli.eval import evaluate
+from orchid_uav.cli.export import export
 from orchid_uav.cli.plan import plan
 from orchid_uav.cli.train import train
 from orchid_uav.experiments.output import lasting_output
@@ -22,6 +23,7 @@ app.command()(train)
 app.command("eval")(evaluate)
 app.command()(ablate)
 app.command()(plan)
+app.command()(export)
 app.add_typer(config.app, name="config")
 app.add_typer(runs.app, name="runs")
 
