@@ -35,9 +35,7 @@ def export(
     ],
     onnx: Annotated[
         Path,
-        typer.Option(
-            metavar="FILE", help="The ONNX file to write.", rich_help_panel=OUTPUT_PANEL
-        ),
+        typer.Option(metavar="FILE", help="The ONNX file to write.", rich_help_panel=OUTPUT_PANEL),
     ],
     runs_dir: Annotated[
         Path,
@@ -54,9 +52,9 @@ def export(
 ) -> None:
     """Write a policy as an ONNX file, for the companion computer of an autopilot.
 
-    The file takes observations and gives actions, of any number of UAVs at once. It is compared with
-    the policy on 10,000 observations before it appears. A whole run for a colleague: orchid runs
-    export.
+    The file takes observations and gives actions, of any number of UAVs at once. It is compared
+    with the policy on 10,000 observations before it appears. To give a whole run to a colleague:
+    orchid runs export.
 
     Example: orchid export orchid-distilled --onnx actor.onnx
     """
@@ -65,16 +63,16 @@ def export(
 
         target = expanded(onnx)
         exported = export_onnx(find_policy(run, expanded(runs_dir)), target, force)
-        if exported.parity is None:
+        parity = exported.parity
+        if parity is None:
             print_note(
-                "onnxruntime cannot be imported: the file was checked by onnx.checker alone, and not "
-                "compared with the policy"
+                "onnxruntime cannot be imported: the file was checked by onnx.checker alone, and "
+                "not compared with the policy"
             )
-        elif exported.parity.is_rounding_alone:
+        elif parity.rounding is not None:
             print_note(
-                f"actions differ by up to {exported.parity.largest_difference:.1e}, by rounding "
-                f"alone: float32 itself is off by {exported.parity.rounding:.1e} on observations as "
-                "extreme as these"
+                f"actions differ by up to {parity.largest_difference:.1e} by rounding: on such "
+                f"extreme observations float32 itself is off by {parity.rounding:.1e}"
             )
         if as_json:
             print(json.dumps(_document(exported), allow_nan=False))
@@ -108,8 +106,8 @@ def _print(exported: "ExportedActor") -> None:
     print_line(
         out,
         plain(
-            f"{exported.path}: {INPUT} ({BATCH}, {exported.observation_size}) to "
-            f"{OUTPUT} ({BATCH}, {exported.action_size}), opset {OPSET}, {exported.size / 1e6:.1f} MB"
+            f"{exported.path}: {INPUT} ({BATCH}, {exported.observation_size}) to {OUTPUT} "
+            f"({BATCH}, {exported.action_size}), opset {OPSET}, {exported.size / 1e6:.1f} MB"
         ),
     )
     parity = exported.parity

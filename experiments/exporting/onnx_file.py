@@ -5,6 +5,8 @@ import os
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from orchid_uav import __version__
 from orchid_uav.envs.interfaces.spaces import observation_space
 from orchid_uav.envs.knowledge.informed import INFORMED_NAMES
@@ -83,12 +85,15 @@ def export_onnx(policy: Policy, target: Path, force: bool = False) -> ExportedAc
         raise InputError(f"{target} is a directory: name a file in it, {target / 'actor.onnx'}")
     if not force and os.path.lexists(target):
         raise InputError(f"{target} exists: give another name, or --force to replace it")
+    if not target.parent.is_dir():
+        raise InputError(f"cannot write {target}: there is no directory {target.parent}")
     actor, space = policy.actor, observation_space(policy.config.network_parameters)
     try:
         model = actor_graph(actor, policy.run, __version__, metadata(policy))
     except ImportError as error:
         raise InputError(in_one_line(error)) from error
-    parity = check_parity(model, actor, space.low, space.high)
+    ends = np.array([space.low, space.high], np.float32)
+    parity = check_parity(model, actor, *ends)
     try:
         with appearing_when_complete(target, force) as file:
             file.write(model)
@@ -118,8 +123,7 @@ def metadata(policy: Policy) -> dict[str, str]:
         **origin,
     }
     return {
-        key: value if isinstance(value, str) else json.dumps(value)
-        for key, value in values.items()
+        key: value if isinstance(value, str) else json.dumps(value) for key, value in values.items()
     }
 
 

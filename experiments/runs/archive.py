@@ -31,7 +31,6 @@ from orchid_uav.storage.files import (
     appearing_when_complete,
     json_bytes,
     sync_directory,
-    sync_file,
 )
 
 MANIFEST = "manifest.json"
