@@ -14,6 +14,7 @@ from orchid_uav.cli.console import FAILED, INTERRUPTED, WRONG_INPUT, print_error
 from orchid_uav.cli.eval import evaluate
 from orchid_uav.cli.export import export
 from orchid_uav.cli.plan import plan
+from orchid_uav.cli.tensorboard import tensorboard
 from orchid_uav.cli.train import train
 from orchid_uav.experiments.output import lasting_output
 from orchid_uav.notices import reason_of, show_on_stderr
@@ -24,6 +25,7 @@ app.command("eval")(evaluate)
 app.command()(ablate)
 app.command()(plan)
 app.command()(export)
+app.command()(tensorboard)
 app.add_typer(config.app, name="config")
 app.add_typer(runs.app, name="runs")
 

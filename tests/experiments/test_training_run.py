@@ -238,7 +238,7 @@ class TestDirectory:
         from tensorboard.backend.event_processing.event_file_loader import LegacyEventFileLoader
 
         path = train(tiny_config(4)).run.path
-        [events] = path.glob("events.out.tfevents.*")
+        [events] = path.glob("events.out.tfevents.*[0-9]")
         shown = {
             (value.tag, event.step): value.simple_value
             for event in LegacyEventFileLoader(str(events)).Load()
@@ -644,7 +644,7 @@ class TestTrackersThatFail:
         assert "mlflow" in line
 
     def test_that_cannot_be_opened_stop_nothing_either(self, train, monkeypatch):
-        def fail(tracker, directory):
+        def fail(tracker, directory, config):
             raise OSError(28, "No space left on device")
 
         monkeypatch.setattr(trackers.TensorBoardTracker, "__init__", fail)
