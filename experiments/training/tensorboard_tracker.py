@@ -54,13 +54,15 @@ class TensorBoardTracker(Tracker):
         for earlier in self._directory.glob(f"events.out.tfevents.*{_END}"):
             earlier.unlink()
         record = read_record(self._directory)
-        # TensorBoard reads files by their names, and none again once it has gone on to the next.
+        # Now, and by a name behind the other's: TensorBoard may read neither again.
+        summaries = [
+            session_start(record, self._config),
+            self._scalars(record.final_scalars),
+            session_end(status),
+        ]
         events = _Events(self._path.with_name(self._path.name + _END))
-        for summary in session_start(record, self._config), session_end(status):
-            events.write(summary=summary)
-        final = {name: value for name, value in record.final.items() if value is not None}
-        metrics = {f"final/{name}": value for name, value in final.items()}
-        events.write(step=record.episodes, summary=self._scalars(metrics))
+        for summary in summaries:
+            events.write(step=record.episodes, summary=summary)
         events.close()
 
     def _scalars(self, metrics: Mapping[str, float]) -> Any:

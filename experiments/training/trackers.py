@@ -7,66 +7,23 @@ it off with a warning, and a tracker that may wait for a server or a lock runs i
 import importlib.util
 import sys
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
-from typing import Any
 
-from orchid_uav.experiments.configuration import RunConfig, flatten
+from orchid_uav.experiments.configuration import RunConfig
 from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.training.listeners import Tracker
+from orchid_uav.experiments.training.service_trackers import MlflowTracker, ProjectTracker
 from orchid_uav.experiments.training.tensorboard_tracker import TensorBoardTracker
 from orchid_uav.experiments.training.tracker_process import TrackerProcess
 from orchid_uav.extras import install_command
 
-Metrics = Mapping[str, float]
-
-
-class MlflowTracker(Tracker):
-    """An MLflow run at the current tracking URI (``MLFLOW_TRACKING_URI``).
-
-    A resumed run becomes another run in MLflow, with the same name.
-    """
-
-    def __init__(self, run_id: str, config: RunConfig) -> None:
-        import mlflow
-
-        self._mlflow = mlflow
-        mlflow.set_experiment("orchid")
-        mlflow.start_run(run_name=run_id)
-        mlflow.log_params(flatten(config))
-
-    def log(self, episode: int, metrics: Metrics) -> None:
-        """Log the metrics of an episode as one batch."""
-        self._mlflow.log_metrics(dict(metrics), step=episode)
-
-    def close(self, status: str) -> None:
-        """End the run with the matching MLflow status."""
-        names = {"completed": "FINISHED", "interrupted": "KILLED"}
-        self._mlflow.end_run(names.get(status, "FAILED"))
-
-
-class TrackioTracker(Tracker):
-    """A run of the trackio project ``orchid`` on this machine.
-
-    A resumed run becomes another run in trackio.
-    """
-
-    def __init__(self, run_id: str, config: RunConfig) -> None:
-        import trackio
-
-        self._trackio = trackio
-        trackio.init(project="orchid", name=run_id, config=flatten(config))
-
-    def log(self, episode: int, metrics: Metrics) -> None:
-        """Log the metrics of an episode as one record."""
-        self._trackio.log(dict(metrics), step=episode)
-
-    def close(self, status: str) -> None:
-        """End the run."""
-        self._trackio.finish()
-
-
-EXPORTERS: dict[str, Any] = {"mlflow": MlflowTracker, "trackio": TrackioTracker}
-"""Trackers that need a third-party package; each takes a run's id and configuration."""
+EXPORTERS: dict[str, Callable[[Path, RunConfig], Tracker]] = {
+    "mlflow": MlflowTracker,
+    "trackio": partial(ProjectTracker, "trackio"),
+    "wandb": partial(ProjectTracker, "wandb"),
+}
+"""Trackers that need a third-party package; each takes a run's directory and configuration."""
 TRACKERS = ("tensorboard", *EXPORTERS)
 """Names for ``--track``; TensorBoard's files are always written."""
 
@@ -100,7 +57,7 @@ def open_tracker(name: str, directory: Path, config: RunConfig) -> "SafeTracker"
         tracker: Tracker = (
             TensorBoardTracker(directory, config)
             if name == "tensorboard"
-            else TrackerProcess(name, directory.name, config)
+            else TrackerProcess(name, directory, config)
         )
     except Exception as error:
         _warn(f"{name} is off for this run: {error}")
@@ -124,7 +81,7 @@ class SafeTracker(Tracker):
         """Pass on that the run goes on after this many episodes."""
         self._try(lambda tracker: tracker.resume(episodes))
 
-    def log(self, episode: int, metrics: Metrics) -> None:
+    def log(self, episode: int, metrics: Mapping[str, float]) -> None:
         """Pass on an episode's metrics."""
         self._try(lambda tracker: tracker.log(episode, metrics))
 
