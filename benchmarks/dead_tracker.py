@@ -1,8 +1,8 @@
-"""What a tracker whose server accepts and never answers costs: ``python -m benchmarks.dead_tracker``.
+"""What a server that never answers costs a run: ``python -m benchmarks.dead_tracker``.
 
-Runs with ``--track mlflow`` at such a server and runs without are trained in turns, as processes of
-their own; what is compared is the wall-clock time of whole commands, as a ratio within one turn. It
-needs the extra ``mlflow``.
+Runs with ``--track mlflow``, at a server that accepts connections and is silent, and runs without
+are trained in turns, as processes of their own. Compared is the wall-clock time of whole commands,
+as a ratio within one turn. It needs the extra ``mlflow``.
 """
 
 import argparse

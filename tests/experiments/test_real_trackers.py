@@ -130,12 +130,12 @@ def test_eight_runs_at_once(server, run_orchid, tmp_path, where):
 def test_a_run_that_goes_on_continues_its_mlflow_run(server, run_orchid, tmp_path):
     here = {"MLFLOW_TRACKING_URI": server}
     path, _ = run_orchid("--track=mlflow", "--episodes=5", **here)
-    client, run = mlflow_run(server, path.name)
+    _, run = mlflow_run(server, path.name)
     assert run.data.params["training.episodes"] == "5"
     again, err = run_orchid(f"--resume={path}", "--episodes=9", "--track=mlflow", **here)
     assert again == path and "warning" not in err
     check_whole(server, path, tmp_path)
-    client, run = mlflow_run(server, path.name)
+    _, run = mlflow_run(server, path.name)
     assert run.data.params["training.episodes"] == "5"  # MLflow never changes a parameter
     assert run.data.tags["training.episodes"] == "9"
 
