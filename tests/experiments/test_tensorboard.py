@@ -5,7 +5,6 @@ import signal
 import socket
 import time
 import urllib.request
-from pathlib import Path
 
 import pytest
 
@@ -14,9 +13,8 @@ from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.runs.directory import RunDirectory
 from orchid_uav.experiments.runs.records import read_record
 from orchid_uav.experiments.runs.tensorboard_server import named_folders
-from orchid_uav.experiments.training.trackers import open_tracker
-from tests.helpers.processes import assert_is_an_error, tiny_config
-from tests.helpers.run_directories import COMMAND, make_run, rows
+from tests.helpers.processes import assert_is_an_error
+from tests.helpers.run_directories import COMMAND, begin_export, begun, end_export, make_run, rows
 
 PATIENCE_S = 60.0
 ALL = ["STATUS_UNKNOWN", "STATUS_SUCCESS", "STATUS_FAILURE", "STATUS_RUNNING"]
@@ -28,21 +26,10 @@ def _no_git(monkeypatch):
 
 
 def ended(run: RunDirectory, config, status: str, log: list[dict[str, float]], known: int = 0):
-    """End a run as ``train`` does, with a row's reward in its events."""
-    tracker = open_tracker("tensorboard", run.path, config)
+    tracker = begin_export("tensorboard", run, config)
     if known:
         tracker.resume(known)
-    run.append_episodes(log[known:])
-    for row in log[known:]:
-        tracker.log(int(row["episode"]), {"episode/reward": row["reward"]})
-    run.finish(status, log, [], seconds=1.0)
-    tracker.close(status)
-    return run.path
-
-
-def begun(runs_dir: Path, name: str, **values) -> tuple[RunDirectory, object]:
-    config = tiny_config(**values)
-    return RunDirectory.create(runs_dir, name, config, COMMAND), config
+    return end_export(tracker, run, status, log, known)
 
 
 @pytest.fixture
@@ -139,7 +126,7 @@ class TestFiles:
 
     def test_a_record_that_cannot_be_read_is_a_warning(self, tmp_path, capsys):
         run, config = begun(tmp_path, "lab")
-        tracker = open_tracker("tensorboard", run.path, config)
+        tracker = begin_export("tensorboard", run, config)
         (run.path / "run.json").write_text("{}")
         tracker.close("failed")
         assert "tensorboard is off for the rest of the run" in capsys.readouterr().err
