@@ -45,12 +45,11 @@ class MlflowTracker(Tracker):
         import mlflow
 
         self._mlflow, self._directory = mlflow, directory
-        client = _set_experiment(mlflow, directory.parent)
+        client, experiment = _find_experiment(mlflow, directory.parent)
         run_id = directory.name
         quote = '"' if "'" in run_id else "'"
-        experiment = client.get_experiment_by_name(PROJECT)
         earlier = client.search_runs(
-            [experiment.experiment_id], f"tags.`{RUN_TAG}` = {quote}{run_id}{quote}", max_results=1
+            [experiment], f"tags.`{RUN_TAG}` = {quote}{run_id}{quote}", max_results=1
         )
         self._episodes_there, known = 0, {}
         if earlier:
@@ -59,7 +58,7 @@ class MlflowTracker(Tracker):
             steps = [one.step for one in client.get_metric_history(uuid, _ALWAYS_LOGGED)]
             self._episodes_there = max(steps, default=0)
         else:
-            mlflow.start_run(run_name=run_id, tags={RUN_TAG: run_id})
+            mlflow.start_run(run_name=run_id, experiment_id=experiment, tags={RUN_TAG: run_id})
         values = {key: str(value) for key, value in flatten(config).items()}
         new = {key: value for key, value in values.items() if key not in known}
         if new:
@@ -88,19 +87,27 @@ class MlflowTracker(Tracker):
             self._mlflow.end_run(names.get(status, "FAILED"))
 
 
-def _set_experiment(mlflow: Any, runs_dir: Path) -> Any:
-    """Choose where to log, and return a client of it; runs that begin at once make one database."""
-    is_ours = not os.environ.get("MLFLOW_TRACKING_URI")
+def _find_experiment(mlflow: Any, runs_dir: Path) -> tuple[Any, str]:
+    """A client of where to log, and the id of the experiment there, which is made if it is missing.
+
+    Runs that begin at once make one database and one experiment. ``mlflow.set_experiment`` would
+    put those that come second into another experiment, without a word.
+    """
+    is_ours, artifacts = not os.environ.get("MLFLOW_TRACKING_URI"), None
     with FileLock(runs_dir / _LOCK) if is_ours else nullcontext():
         if is_ours:
-            place = (runs_dir / DATABASE).resolve()
-            mlflow.set_tracking_uri(f"sqlite:///{place}")
+            mlflow.set_tracking_uri(f"sqlite:///{(runs_dir / DATABASE).resolve()}")
+            artifacts = (runs_dir / ARTIFACTS).resolve().as_uri()
         client = mlflow.MlflowClient()
-        if is_ours and client.get_experiment_by_name(PROJECT) is None:
-            artifacts = (runs_dir / ARTIFACTS).resolve()
-            client.create_experiment(PROJECT, artifacts.as_uri())
-        mlflow.set_experiment(PROJECT)
-    return client
+        found = client.get_experiment_by_name(PROJECT)
+        if found is None:
+            try:
+                return client, client.create_experiment(PROJECT, artifacts)
+            except mlflow.MlflowException:
+                found = client.get_experiment_by_name(PROJECT)
+                if found is None:
+                    raise
+        return client, found.experiment_id
 
 
 class ProjectTracker(Tracker):

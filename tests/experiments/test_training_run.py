@@ -666,17 +666,16 @@ def note(text):
         file.write(text + "\\n")
 class MlflowClient:
     def get_experiment_by_name(self, name):
+        if behaviour == "hangs":
+            note(f"process {os.getpid()}")
+            time.sleep(600)
         return SimpleNamespace(experiment_id="1")
     def search_runs(self, experiments, query, max_results):
         return []
 def set_tracking_uri(uri):
     pass
-def set_experiment(name):
-    if behaviour == "hangs":
-        note(f"process {os.getpid()}")
-        time.sleep(600)
-def start_run(run_name, tags):
-    assert tags == {"orchid.run": run_name}
+def start_run(run_name, experiment_id, tags):
+    assert (experiment_id, tags) == ("1", {"orchid.run": run_name})
     print(f"View run {run_name}")
 def log_params(parameters):
     note(f"params {parameters['training.episodes']}")

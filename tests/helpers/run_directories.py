@@ -100,6 +100,9 @@ def end_export(
         known: how many of them another process logged.
         waits: whether the tracker is closed as well.
     """
+    if run.is_resumed:
+        run.keep_episodes(0, "")
+        run.append_episodes(log[:known])
     run.append_episodes(log[known:])
     for one in log[known:]:
         tracker.log(int(one["episode"]), {"episode/reward": one["reward"]})
