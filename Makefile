@@ -10,7 +10,7 @@ PAGE := experiments/replay/page
 JOBS ?= 2
 
 .DEFAULT_GOAL := help
-.PHONY: help install train test test-browser test-lowest test-newest lint replay-page bench docs docs-data mutants reference studies ablation reproduce public validation fixed-batch clean FORCE
+.PHONY: help install train test test-browser test-trackers test-lowest test-newest lint replay-page bench docs docs-data mutants reference studies ablation reproduce public validation fixed-batch clean FORCE
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -29,6 +29,10 @@ test-browser: install  ## the page of replays in a real Chromium, which must be 
 
 test-lowest: .venv-lowest/.installed  ## run the tests with the lowest versions that pyproject.toml admits
 test-newest: .venv-newest/.installed  ## run the tests with the newest versions of all but torch
+
+# Their servers are slow to start: not in the suite.
+test-trackers: .venv-trackers/.installed  ## runs in a real MLflow, trackio and W&B; some minutes
+	.venv-trackers/bin/python -m pytest -W ignore tests/experiments/test_real_trackers.py
 
 # Old libraries beside new ones deprecate each other: no fault of ours, and none of theirs either.
 test-lowest test-newest: test-%:
@@ -125,6 +129,16 @@ export NO_COMPILER
 	own=$$(.venv-benchmarl/bin/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') && \
 	echo "import site; site.addsitedir('$$below')" > "$$own/orchid.pth"
 	.venv-benchmarl/bin/python -m pip install --quiet --no-deps --requirement $<
+	@touch $@
+
+# On top of .venv, but for the versions that MLflow (pyarrow) and trackio (pillow) do not take yet.
+.venv-trackers/.installed: pyproject.toml constraints.txt .venv/.installed
+	$(BIN)/python -m venv .venv-trackers
+	grep -vE '^(pyarrow|pillow)==' constraints.txt > .venv-trackers/constraints.txt
+	.venv-trackers/bin/python -m pip install --quiet --constraint .venv-trackers/constraints.txt mlflow trackio wandb
+	below=$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') && \
+	own=$$(.venv-trackers/bin/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') && \
+	echo "import site; site.addsitedir('$$below')" > "$$own/orchid.pth"
 	@touch $@
 
 .venv-agilerl/.installed: benchmarks/requirements/agilerl.txt

@@ -54,6 +54,14 @@ def runs(ctx: typer.Context, incomplete: str) -> list[str]:
 
 
 @_silent
+def policies(ctx: typer.Context, incomplete: str) -> list[str]:
+    """Complete runs and the keys of released policies."""
+    from orchid_uav.experiments.evaluation.method_keys import RELEASED
+
+    return [*runs(ctx, incomplete), *RELEASED]
+
+
+@_silent
 def methods(ctx: typer.Context, incomplete: str) -> list[str]:
     """Keys and groups of methods."""
     from orchid_uav.experiments.evaluation.method_keys import ALL, LEARNED, RULES, known_methods

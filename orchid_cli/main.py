@@ -12,9 +12,11 @@ from orchid_uav.cli.ablate import ablate
 from orchid_uav.cli.commands import Commands
 from orchid_uav.cli.console import FAILED, INTERRUPTED, WRONG_INPUT, print_error
 from orchid_uav.cli.eval import evaluate
+from orchid_uav.cli.export import export
 from orchid_uav.cli.plan import plan
 from orchid_uav.cli.replay import replay
 from orchid_uav.cli.reproduce import reproduce
+from orchid_uav.cli.tensorboard import tensorboard
 from orchid_uav.cli.train import train
 from orchid_uav.experiments.output import lasting_output
 from orchid_uav.notices import reason_of, show_on_stderr
@@ -26,6 +28,8 @@ app.command()(ablate)
 app.command()(plan)
 app.command()(replay)
 app.command()(reproduce)
+app.command()(export)
+app.command()(tensorboard)
 app.add_typer(config.app, name="config")
 app.add_typer(runs.app, name="runs")
 

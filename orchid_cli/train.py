@@ -99,7 +99,7 @@ def train(
     track: Annotated[
         list[str] | None,
         typer.Option(
-            help="Also export metrics to: tensorboard (always on), mlflow, trackio.",
+            help="Also export metrics to: tensorboard (always on), mlflow, trackio, wandb.",
             autocompletion=completion.trackers,
             rich_help_panel=OUTPUT_PANEL,
             show_default=False,

@@ -38,7 +38,7 @@ LIBRARIES = {
     "callbacks": {"stable_baselines3", "torch"},
     "experiments": {"filelock", "matplotlib", "mlflow", "numpy", "pyarrow", "pydantic", "scipy"}
     | {"safetensors", "stable_baselines3", "tensorboard", "threadpoolctl", "torch", "trackio"}
-    | {"PIL", "defusedxml", "pymap3d", "pyogrio", "shapely"},
+    | {"PIL", "defusedxml", "onnxruntime", "pymap3d", "pyogrio", "shapely"},
     "cli": {"rich", "typer"},  # no logic of its own, hence neither numpy nor torch
 }
 """What each room may import of other people's."""
@@ -49,7 +49,7 @@ STOREYS = (
     {"jobs", "statistics"},
     {"figures", "runs"},
     {"evaluation", "training"},
-    {"ablation", "planning"},
+    {"ablation", "exporting", "planning"},
     {"replay", "reproduction"},
 )
 """Of ``experiments/``: flat files first, then rooms. Each may import what stands before its own."""

@@ -13,11 +13,12 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from orchid_uav.experiments.errors import InputError
+from orchid_uav.experiments.markup import harmless
 from orchid_uav.experiments.metrics import METRICS
 from orchid_uav.experiments.planning.files import PEOPLE_MAP, PEOPLE_TABLE, PLAN_FILE
 from orchid_uav.experiments.planning.maps.drawing import mast_name
 from orchid_uav.experiments.planning.maps.people_csv import COLUMNS
-from orchid_uav.experiments.planning.maps.wording import harmless, number_text, people_text
+from orchid_uav.experiments.planning.maps.wording import number_text, people_text
 from orchid_uav.experiments.planning.model import Floats
 from orchid_uav.experiments.planning.result import SCHEMA as PLAN_SCHEMA
 from orchid_uav.experiments.planning.result import PlanDocument

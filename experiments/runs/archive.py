@@ -14,8 +14,8 @@ import struct
 import tempfile
 import zipfile
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import IO, Literal, NamedTuple
 
@@ -26,7 +26,12 @@ from orchid_uav.experiments.runs.index import Run, read_run
 from orchid_uav.experiments.runs.records import CONFIG_FILE, RECORD_FILE
 from orchid_uav.notices import in_one_line, reason_of
 from orchid_uav.storage.documents import Document
-from orchid_uav.storage.files import LARGEST_DOCUMENT, json_bytes, share, sync_directory, sync_file
+from orchid_uav.storage.files import (
+    LARGEST_DOCUMENT,
+    appearing_when_complete,
+    json_bytes,
+    sync_directory,
+)
 
 MANIFEST = "manifest.json"
 LARGEST_TOTAL = 3 * 2**30
@@ -115,7 +120,7 @@ def export_runs(
             f"({MOST_FILES:,} of {LARGEST_TOTAL:,}): export fewer runs at once"
         )
     try:
-        with _appearing_when_complete(target, force) as file:
+        with appearing_when_complete(target, force) as file:
             _write(file, files)
             for run_id, run in by_id.items():
                 if read_run(run.path).record != run.record:
@@ -179,35 +184,6 @@ def _entry(name: str) -> zipfile.ZipInfo:
     is_text = name.endswith(_TEXTS) or ".tfevents." in name
     entry.compress_type = zipfile.ZIP_DEFLATED if is_text else zipfile.ZIP_STORED
     return entry
-
-
-@contextmanager
-def _appearing_when_complete(target: Path, force: bool) -> Iterator[IO[bytes]]:
-    descriptor, name = tempfile.mkstemp(prefix=f".{target.name}.", dir=target.parent)
-    temporary = Path(name)
-    try:
-        with os.fdopen(descriptor, "wb") as file:
-            yield file
-            sync_file(file, target.parent)
-        share(temporary)
-        if force:
-            temporary.replace(target)
-        else:
-            _rename_without_replacing(temporary, target)
-        sync_directory(target.parent)
-    finally:
-        temporary.unlink(missing_ok=True)
-
-
-def _rename_without_replacing(source: Path, target: Path) -> None:
-    try:
-        target.hardlink_to(source)
-    except FileExistsError:
-        raise
-    except OSError:  # a file system without hard links
-        if os.path.lexists(target):
-            raise FileExistsError(17, "File exists", str(target)) from None
-        source.rename(target)
 
 
 def import_runs(archive: Path, runs_dir: Path) -> list[Path]:

@@ -79,6 +79,11 @@ class RunRecord(Document):
     next_config_sha256: str | None = None
     """Checksum of the configuration that is about to replace the present one."""
 
+    @property
+    def final_scalars(self) -> dict[str, float]:
+        """The final metrics that are finite, under the names that trackers show."""
+        return {f"final/{name}": one for name, one in self.final.items() if one is not None}
+
     @field_validator("former_ids", mode="before")
     @classmethod
     def _only_texts(cls, found: Any) -> list[str]:

@@ -34,7 +34,11 @@ class Reporter:
 
 
 class Tracker:
-    """Exports a run's metrics to another program; this base class exports nothing."""
+    """Exports a run to another program; this base class exports nothing.
+
+    What it is not told stands in the run directory, where the record is complete before
+    :meth:`close`.
+    """
 
     def resume(self, episodes: int) -> None:
         """The run goes on after this many episodes, which another process logged."""

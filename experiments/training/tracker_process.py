@@ -1,10 +1,11 @@
 """A tracker in its own process, where it cannot delay a run or disturb its random generators.
 
-``python -m orchid_uav.experiments.training.tracker_process NAME RUN`` is that process. It reads
+``python -m orchid_uav.experiments.training.tracker_process NAME FOLDER`` is that process. It reads
 orders from its standard input, one JSON document per line. It ends when its standard input ends,
 however the run ended.
 """
 
+import importlib
 import json
 import os
 import queue
@@ -14,6 +15,7 @@ import threading
 import time
 from collections.abc import Mapping
 from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 from orchid_uav.experiments.configuration import RunConfig
@@ -24,9 +26,11 @@ from orchid_uav.experiments.training.listeners import Tracker
 from orchid_uav.notices import in_one_line
 
 _SECONDS_AT_THE_END = 5.0
-"""How long a run waits in the end for what its tracker has not exported yet."""
+"""How long a run waits in the end for what its tracker has not exported yet, at most. It waits no
+longer than that from the tracker's last word on: one that stands still costs a run nothing more."""
 _SECONDS_WITHOUT_A_WORD = 60.0
 _SECONDS_FOR_LAST_WORDS = 1.0
+_SECONDS_BETWEEN_LOOKS = 0.02
 _ENDED = "its process has ended"
 _MOST_WAITING = 10_000
 """The most orders kept for a tracker; with more it would never catch up."""
@@ -45,18 +49,19 @@ class TrackerProcess(Tracker):
 
     Args:
         name: the tracker's name.
-        run_id: the name under which the tracker shows the run.
+        directory: the run directory.
         config: the run's configuration.
     """
 
-    def __init__(self, name: str, run_id: str, config: RunConfig) -> None:
+    def __init__(self, name: str, directory: Path, config: RunConfig) -> None:
         self._orders: queue.Queue[dict[str, Any] | None] = queue.Queue(_MOST_WAITING)
         self._error: str | None = None
         self._last = self._exported = 0
         self._last_word_s = time.monotonic()
+        self._is_imported = False
         self._process = subprocess.Popen(
             # -P: a file in the user's working directory must not replace a module of that name.
-            [sys.executable, "-P", "-m", __name__, name, run_id],
+            [sys.executable, "-P", "-m", __name__, name, str(directory.absolute())],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
@@ -84,10 +89,19 @@ class TrackerProcess(Tracker):
     def close(self, status: str) -> None:
         """Wait until everything is exported, for some seconds at most, and end the process."""
         self._order(status=status)
+        ended_s = time.monotonic()
         try:
-            self._process.wait(_SECONDS_AT_THE_END)
-        except subprocess.TimeoutExpired:
-            raise self._given_up(f"not done {_SECONDS_AT_THE_END:g} s after the run") from None
+            while self._process.poll() is None:
+                now_s = time.monotonic()
+                # Until its package is imported, it has had no chance to say anything.
+                silent_s = now_s - self._last_word_s if self._is_imported else 0.0
+                if max(silent_s, now_s - ended_s) > _SECONDS_AT_THE_END:
+                    raise self._given_up(
+                        f"no answer in {silent_s:.0f} s"
+                        if silent_s > now_s - ended_s
+                        else f"not done {_SECONDS_AT_THE_END:g} s after the run"
+                    )
+                time.sleep(_SECONDS_BETWEEN_LOOKS)
         finally:
             self._end()
         if self._process.returncode:
@@ -139,6 +153,7 @@ class TrackerProcess(Tracker):
                 if is_report:
                     self._last_word_s = time.monotonic()
                     document = json.loads(report)
+                    self._is_imported = True
                     self._exported = document.get("exported", self._exported)
                     self._error = document.get("error", self._error)
         self._error = self._error or _ENDED
@@ -148,14 +163,16 @@ def _report(**document: Any) -> None:
     print(_REPORT + json.dumps(document), flush=True)
 
 
-def _serve(name: str, run_id: str) -> None:
+def _serve(name: str, folder: str) -> None:
     from orchid_uav.experiments.training.trackers import EXPORTERS
 
+    importlib.import_module(name)
+    _report(imported=name)
     tracker = None
     for line in sys.stdin:
         order = json.loads(line)
         if tracker is None:
-            tracker = EXPORTERS[name](run_id, RunConfig.model_validate(order["config"]))
+            tracker = EXPORTERS[name](Path(folder), RunConfig.model_validate(order["config"]))
         elif "resume" in order:
             tracker.resume(order["resume"])
         elif "metrics" in order:

@@ -5,118 +5,25 @@ it off with a warning, and a tracker that may wait for a server or a lock runs i
 """
 
 import importlib.util
-import os
-import platform
 import sys
-import time
 from collections.abc import Callable, Mapping
-from itertools import chain, count
+from functools import partial
 from pathlib import Path
-from typing import Any
 
-from orchid_uav.experiments.configuration import RunConfig, flatten
+from orchid_uav.experiments.configuration import RunConfig
 from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.training.listeners import Tracker
+from orchid_uav.experiments.training.service_trackers import MlflowTracker, ProjectTracker
+from orchid_uav.experiments.training.tensorboard_tracker import TensorBoardTracker
 from orchid_uav.experiments.training.tracker_process import TrackerProcess
 from orchid_uav.extras import install_command
 
-Metrics = Mapping[str, float]
-
-
-class TensorBoardTracker(Tracker):
-    """``events.out.tfevents.*`` in the run directory, one event per episode.
-
-    Events are written at once and in this thread. The thread of ``SummaryWriter`` would die with a
-    traceback on a full disk.
-    """
-
-    def __init__(self, directory: Path) -> None:
-        from tensorboard.compat.proto.event_pb2 import Event, SessionLog
-        from tensorboard.compat.proto.summary_pb2 import Summary
-        from tensorboard.summary.writer.record_writer import RecordWriter
-
-        self._event, self._summary = Event, Summary
-        self._start = SessionLog(status=SessionLog.START)
-        name = f"events.out.tfevents.{int(time.time())}.{platform.node()}.{os.getpid()}"
-        # If the clock was set back, an earlier process of the same number may have used the name.
-        names = chain([name], (f"{name}.{number}" for number in count(1)))
-        path = next(path for path in map(directory.joinpath, names) if not path.exists())
-        # Unbuffered: Python would try to write a buffer that a full disk refused again at exit.
-        self._file = path.open("xb", buffering=0)
-        self._records = RecordWriter(self._file)
-        self._write(file_version="brain.Event:2")
-
-    def resume(self, episodes: int) -> None:
-        """Tell TensorBoard to drop what an earlier process logged of later episodes."""
-        self._write(step=episodes + 1, session_log=self._start)
-
-    def log(self, episode: int, metrics: Metrics) -> None:
-        """Write the metrics under the episode's number."""
-        values = [
-            self._summary.Value(tag=name, simple_value=value) for name, value in metrics.items()
-        ]
-        self._write(step=episode, summary=self._summary(value=values))
-
-    def close(self, status: str) -> None:
-        """Close the file."""
-        self._records.close()
-
-    def _write(self, **content: Any) -> None:
-        event = self._event(wall_time=time.time(), **content)
-        try:
-            self._records.write(event.SerializeToString())
-        except OSError:
-            self._file.close()
-            raise
-
-
-class MlflowTracker(Tracker):
-    """An MLflow run at the current tracking URI (``MLFLOW_TRACKING_URI``).
-
-    A resumed run becomes another run in MLflow, with the same name.
-    """
-
-    def __init__(self, run_id: str, config: RunConfig) -> None:
-        import mlflow
-
-        self._mlflow = mlflow
-        mlflow.set_experiment("orchid")
-        mlflow.start_run(run_name=run_id)
-        mlflow.log_params(flatten(config))
-
-    def log(self, episode: int, metrics: Metrics) -> None:
-        """Log the metrics of an episode as one batch."""
-        self._mlflow.log_metrics(dict(metrics), step=episode)
-
-    def close(self, status: str) -> None:
-        """End the run with the matching MLflow status."""
-        names = {"completed": "FINISHED", "interrupted": "KILLED"}
-        self._mlflow.end_run(names.get(status, "FAILED"))
-
-
-class TrackioTracker(Tracker):
-    """A run of the trackio project ``orchid`` on this machine.
-
-    A resumed run becomes another run in trackio.
-    """
-
-    def __init__(self, run_id: str, config: RunConfig) -> None:
-        import trackio
-
-        self._trackio = trackio
-        trackio.init(project="orchid", name=run_id, config=flatten(config))
-
-    def log(self, episode: int, metrics: Metrics) -> None:
-        """Log the metrics of an episode as one record."""
-        self._trackio.log(dict(metrics), step=episode)
-
-    def close(self, status: str) -> None:
-        """End the run."""
-        self._trackio.finish()
-
-
-EXPORTERS: dict[str, Any] = {"mlflow": MlflowTracker, "trackio": TrackioTracker}
-"""Trackers that need a third-party package; each takes a run's id and configuration."""
+EXPORTERS: dict[str, Callable[[Path, RunConfig], Tracker]] = {
+    "mlflow": MlflowTracker,
+    "trackio": partial(ProjectTracker, "trackio"),
+    "wandb": partial(ProjectTracker, "wandb"),
+}
+"""Trackers that need a third-party package; each takes a run's directory and configuration."""
 TRACKERS = ("tensorboard", *EXPORTERS)
 """Names for ``--track``; TensorBoard's files are always written."""
 
@@ -148,9 +55,9 @@ def open_tracker(name: str, directory: Path, config: RunConfig) -> "SafeTracker"
     """Open a tracker that passed :func:`check_tracker`; if that fails, it stays switched off."""
     try:
         tracker: Tracker = (
-            TensorBoardTracker(directory)
+            TensorBoardTracker(directory, config)
             if name == "tensorboard"
-            else TrackerProcess(name, directory.name, config)
+            else TrackerProcess(name, directory, config)
         )
     except Exception as error:
         _warn(f"{name} is off for this run: {error}")
@@ -174,7 +81,7 @@ class SafeTracker(Tracker):
         """Pass on that the run goes on after this many episodes."""
         self._try(lambda tracker: tracker.resume(episodes))
 
-    def log(self, episode: int, metrics: Metrics) -> None:
+    def log(self, episode: int, metrics: Mapping[str, float]) -> None:
         """Pass on an episode's metrics."""
         self._try(lambda tracker: tracker.log(episode, metrics))
 

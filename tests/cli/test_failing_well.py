@@ -27,7 +27,7 @@ from orchid_uav.experiments.evaluation.methods import read_policy
 from orchid_uav.experiments.runs import directory as run_directory
 from orchid_uav.experiments.runs.directory import RunDirectory
 from orchid_uav.experiments.runs.records import read_record, status_of
-from orchid_uav.experiments.training import checkpoints, listeners, trackers
+from orchid_uav.experiments.training import checkpoints, listeners, tensorboard_tracker
 from orchid_uav.experiments.training import loop as training
 from orchid_uav.storage.files import sync_directory, write_atomically
 from tests.helpers.processes import (
@@ -469,7 +469,7 @@ class TestClock:
 
         monkeypatch.setattr(run_directory, "datetime", Backwards)
         monkeypatch.setattr(time, "time", lambda: Backwards.now(UTC).timestamp())
-        monkeypatch.setattr(trackers, "time", SimpleNamespace(time=time.time))
+        monkeypatch.setattr(tensorboard_tracker, "time", SimpleNamespace(time=time.time))
         return Backwards
 
     def test_that_goes_back_all_the_time_changes_no_run(
@@ -783,6 +783,6 @@ class TestOutput:
         [run] = new_runs()
         assert record_of(run)["status"] == "completed"
         assert (run / ".lock").read_bytes() == b""
-        [events] = run.glob("events.*")
+        [events] = run.glob("events.*[0-9]")
         assert [event.step for event in LegacyEventFileLoader(str(events)).Load()] == [0, 1, 2, 3]
         assert_rows_are_whole(run, 3)

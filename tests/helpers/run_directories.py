@@ -5,7 +5,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from orchid_uav.experiments.configuration import RunConfig
 from orchid_uav.experiments.runs.directory import RunDirectory
+from orchid_uav.experiments.training.listeners import Tracker
+from orchid_uav.experiments.training.trackers import open_tracker
 from tests.helpers.processes import COLUMNS, WHOLE_NUMBERS, tiny_config
 
 COMMAND = ["orchid", "train", "--name", "lab's"]
@@ -67,3 +70,44 @@ def make_run(
 def begin_run(runs_dir: Path, **options: Any) -> RunDirectory:
     """Make a run that this process continues to write."""
     return RunDirectory.create(runs_dir, "live", tiny_config(**options), COMMAND)
+
+
+def begun(runs_dir: Path, name: str, **values: Any) -> tuple[RunDirectory, RunConfig]:
+    """A run that this process writes, and its configuration."""
+    config = tiny_config(**values)
+    return RunDirectory.create(runs_dir, name, config, COMMAND), config
+
+
+def begin_export(name: str, run: RunDirectory, config: RunConfig) -> Tracker:
+    return open_tracker(name, run.path, config)
+
+
+def end_export(
+    tracker: Tracker,
+    run: RunDirectory,
+    status: str,
+    log: Sequence[dict[str, float]],
+    known: int = 0,
+    waits: bool = True,
+) -> Path:
+    """End a run as ``train`` does, with every row's reward in its tracker.
+
+    Args:
+        tracker: where it is exported to.
+        run: the run.
+        status: how it ends.
+        log: all of its rows.
+        known: how many of them another process logged.
+        waits: whether the tracker is closed as well.
+    """
+    if run.is_resumed:
+        run.keep_episodes(0, "")
+        run.append_episodes(log[:known])
+    run.append_episodes(log[known:])
+    for one in log[known:]:
+        tracker.log(int(one["episode"]), {"episode/reward": one["reward"]})
+    run.write_policy(POLICY)
+    run.finish(status, log, [], seconds=1.0)
+    if waits:
+        tracker.close(status)
+    return run.path

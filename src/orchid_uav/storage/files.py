@@ -174,6 +174,44 @@ def write_atomically(path: Path, content: bytes) -> None:
         raise
 
 
+@contextmanager
+def appearing_when_complete(target: Path, force: bool) -> Iterator[IO[bytes]]:
+    """A file to write, which gets its name in the end, or none if that raises.
+
+    Args:
+        target: its name.
+        force: whether a file of that name is replaced.
+
+    Raises:
+        OSError: it cannot be written, or the name was taken meanwhile.
+    """
+    descriptor, name = tempfile.mkstemp(prefix=f".{target.name}.", dir=target.parent)
+    temporary = Path(name)
+    try:
+        with os.fdopen(descriptor, "wb") as file:
+            yield file
+            sync_file(file, target.parent)
+        share(temporary)
+        if force:
+            temporary.replace(target)
+        else:
+            _rename_without_replacing(temporary, target)
+        sync_directory(target.parent)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _rename_without_replacing(source: Path, target: Path) -> None:
+    try:
+        target.hardlink_to(source)
+    except FileExistsError:
+        raise
+    except OSError:  # a file system without hard links
+        if os.path.lexists(target):
+            raise FileExistsError(17, "File exists", str(target)) from None
+        source.rename(target)
+
+
 def share(path: Path) -> None:
     """Give a file of ``mkstemp`` ordinary permissions: its 0600 would hide it from colleagues."""
     try:
