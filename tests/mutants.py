@@ -307,9 +307,9 @@ MUTANTS = [
     ),
     Mutant(
         "jobs that were killed and stay so",
-        "experiments/jobs/local_processes.py",
-        "_TRIES = 2",
-        "_TRIES = 1",
+        "experiments/jobs/executor.py",
+        "_MOST_KILLS = 2",
+        "_MOST_KILLS = 1",
         "experiments/test_jobs.py",
     ),
 ]

@@ -37,7 +37,7 @@ from orchid_uav.experiments.evaluation.flights import FlightProgress, Plan
 from orchid_uav.experiments.figures.contact_sheet import write_ablation_sheet
 from orchid_uav.experiments.figures.learning_curves import draw_learning_curves
 from orchid_uav.experiments.figures.style import setting_of
-from orchid_uav.experiments.jobs.local_processes import Executor, JobProgress
+from orchid_uav.experiments.jobs.executor import Executor, JobProgress
 from orchid_uav.experiments.jobs.workload import Job
 from orchid_uav.experiments.runs.directory import Row, read_episodes
 from orchid_uav.experiments.runs.records import EPISODES_FILE, check_log, read_record

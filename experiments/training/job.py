@@ -17,10 +17,15 @@ from typing import Any, Literal
 
 from orchid_uav.experiments.configuration import RunConfig
 from orchid_uav.experiments.errors import InputError, RunFailedError
-from orchid_uav.experiments.interruption import ignore_signals, interruption_requests
-from orchid_uav.experiments.jobs.local_processes import INTERRUPTED_CODE
+from orchid_uav.experiments.interruption import (
+    Interruption,
+    ignore_signals,
+    interruption_requests,
+)
+from orchid_uav.experiments.jobs.executor import INTERRUPTED_CODE
 from orchid_uav.experiments.jobs.workload import Job
 from orchid_uav.experiments.output import lasting_output
+from orchid_uav.experiments.runs.lock import RunHeldError, RunLock
 from orchid_uav.experiments.runs.records import (
     EPISODES_FILE,
     SeenStatus,
@@ -31,6 +36,11 @@ from orchid_uav.experiments.runs.records import (
 from orchid_uav.experiments.training.listeners import Reporter
 from orchid_uav.notices import show_on_stderr
 from orchid_uav.storage.files import read_document, write_json
+
+_PATIENCE_S = 180.0
+"""How long the process of a job waits for another that writes its run. That one, on a machine which
+was lost, notices within about a minute and saves; a server of files gives the locks of a dead
+machine back after 90 seconds (the usual lease of NFS)."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +87,7 @@ class TrainingJob:
 
     def as_job(self, folder: Path, cost: float = 1.0) -> Job:
         """Describe the process that trains the run; its order and log are kept in ``folder``."""
+        folder = folder.absolute()  # the process may run on another machine
         order = folder / f"{self.key}.json"
         write_json(
             order,
@@ -140,8 +151,12 @@ class _Log(Reporter):
         print(f"run {run.id} from episode {len(rows) + 1} on", flush=True)
 
 
-def run_one(job: TrainingJob) -> int:
+def run_one(job: TrainingJob, patience_s: float = 0.0) -> int:
     """Complete the run: begin it, go on where it stopped, or do nothing if it is complete.
+
+    Args:
+        job: the job.
+        patience_s: how long to wait for another process that is writing the run.
 
     Returns:
         0, or 130 if it was interrupted; what was done is then kept.
@@ -162,10 +177,36 @@ def run_one(job: TrainingJob) -> int:
         if path is None:
             run = RunDirectory.create(job.runs_dir, job.name, job.config, job.command)
         else:
-            run = RunDirectory.reopen(path, job.config, job.command)
+            lock = _lock_of(path, patience_s, interruption)
+            if lock is None:
+                return INTERRUPTED_CODE
+            if job.completed():  # by the process that was waited for
+                lock.release()
+                return 0
+            run = RunDirectory.reopen(path, job.config, job.command, lock)
         trackers = [open_tracker("tensorboard", run.path, job.config)]
         outcome = train(job.config, run, _Log(), trackers, interruption)
     return 0 if outcome.status == "completed" else INTERRUPTED_CODE
+
+
+def _lock_of(path: Path, patience_s: float, interruption: Interruption) -> RunLock | None:
+    """The lock of a run, which another process may have for a while; None if interrupted.
+
+    Raises:
+        InputError: it has not been given back in this time, or the directory cannot be written.
+    """
+    try:
+        return RunLock(path)
+    except RunHeldError as error:
+        if not patience_s:
+            raise
+        print(f"{error}: waiting for its end, at most {patience_s:.0f} s", flush=True)
+    try:
+        return RunLock(path, patience_s, lambda: interruption.requested)
+    except RunHeldError:
+        if interruption.requested:
+            return None
+        raise
 
 
 def _stop_with_parent() -> None:
@@ -186,7 +227,7 @@ def main() -> int:
         _stop_with_parent()
     with lasting_output(), interruption_requests():
         try:
-            return run_one(TrainingJob.read(Path(sys.argv[1])))
+            return run_one(TrainingJob.read(Path(sys.argv[1])), _PATIENCE_S)
         except (InputError, RunFailedError) as error:
             print(f"error: {error}", file=sys.stderr)
             return 1
