@@ -204,7 +204,8 @@ class _Driver:
             env=_environment(address),
         )
         self._answers: queue.Queue[dict[str, Any] | None] = queue.Queue()
-        threading.Thread(target=self._read, daemon=True).start()
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
         try:
             first = self._next(_SECONDS_TO_CONNECT)
         except BaseException:
@@ -219,8 +220,9 @@ class _Driver:
 
     def _read(self) -> None:
         assert self._process.stdout is not None
-        for line in self._process.stdout:
-            self._answers.put(json.loads(line))
+        with self._process.stdout as answers:
+            for line in answers:
+                self._answers.put(json.loads(line))
         self._answers.put(None)
 
     def _next(self, patience_s: float) -> dict[str, Any] | None:
@@ -284,6 +286,7 @@ class _Driver:
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
+        self._reader.join(_SECONDS_OF_A_WAIT)
         self._errors.close()
 
 

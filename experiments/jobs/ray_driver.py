@@ -66,9 +66,9 @@ def connect(address: str, processes: int) -> ModuleType:
             if address != AUTO:
                 _reach(address)
             ray.init(address=address, **quiet)
-    except (OSError, RuntimeError, ValueError) as error:
-        reason = in_one_line(error.__cause__ or error)
-        raise InputError(f"--ray {address}: {_explained(reason, address)}") from error
+    except (OSError, RuntimeError, ValueError, ray.exceptions.RayError) as error:
+        reason = _explained(str(error.__cause__ or error), address)
+        raise InputError(f"--ray {address}: {reason}") from error
     return ray
 
 
@@ -76,14 +76,15 @@ def _reach(address: str) -> None:
     """Fail soon where nothing listens, for which Ray would wait longer.
 
     Raises:
-        OSError: nothing can be reached there.
+        InputError: nothing can be reached there.
     """
     host, _, port = address.rpartition(":")
     try:
         with socket.create_connection((host.strip("[]"), int(port)), timeout=_SECONDS_TO_REACH):
             pass
     except OSError as error:
-        raise OSError(f"nothing answers there ({reason_of(error)})") from error
+        reason = reason_of(error)
+        raise InputError(f"--ray {address}: nothing answers there ({reason})") from error
 
 
 def _explained(reason: str, address: str) -> str:
@@ -91,12 +92,18 @@ def _explained(reason: str, address: str) -> str:
     if "Could not find any running Ray" in reason:
         return "no Ray cluster runs on this machine; `ray start --head` starts one"
     if "Version mismatch" in reason:
+        versions = " ".join(reason.partition("Version mismatch: ")[2].split())
+        return f"the cluster and this environment differ: {versions}"
+    if "InvalidAuthToken" in reason:
         return (
-            f"the cluster and this environment differ: {reason.removeprefix('Version mismatch: ')}"
+            "the cluster wants its token: set RAY_AUTH_MODE=token, and have the file "
+            "~/.ray/auth_token of its first machine on all of them"
         )
-    if "nothing answers" in reason or address == LOCAL:
-        return reason
-    return f"{reason} (this machine must be a node of the cluster: `ray start --address {address}`)"
+    # Ray puts whole tracebacks into its messages; what happened stands in the last line.
+    last = shortened((reason.strip().splitlines() or ["Ray does not say why"])[-1].strip())
+    if address == LOCAL:
+        return last
+    return f"{last} (this machine must be a node of the cluster: `ray start --address={address}`)"
 
 
 class Driver:
