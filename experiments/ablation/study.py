@@ -82,7 +82,9 @@ class AblationStudy:
         """Other seeds and variants may be added to a study, but not another base."""
         directory = self.directory
         try:
-            if not directory.exists() or (directory.is_dir() and not any(directory.iterdir())):
+            if not directory.exists() or (
+                directory.is_dir() and {path.name for path in directory.iterdir()} <= {RUNS_FOLDER}
+            ):  # runs may come first, for example from an array of jobs
                 return
             document = read_document(directory / DOCUMENT_FILE, _LARGEST_DOCUMENT)
             known = AblationHeader.from_json(document).settings

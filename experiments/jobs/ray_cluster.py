@@ -35,6 +35,8 @@ _SECONDS_OF_A_WAIT = 0.5
 _SECONDS_BETWEEN_UPDATES = 1.0
 _SECONDS_TO_END = 45.0
 _MOST_LOSSES = 5
+_OF_A_STACK = ("/", "@", "[", "*")
+"""How lines of Ray's stack traces begin; it writes one where it ends its process."""
 _SOURCE = ("git_commit", "python")
 """Versions that may differ: wheels know no commit, and Ray itself compares Pythons."""
 
@@ -239,6 +241,8 @@ class _Driver:
         if answer is None:
             self._answers.put(None)  # for whoever asks next
             reason = describe_end(self._process.wait(), Path(self._errors.name), 0)
+            if reason.startswith(_OF_A_STACK):
+                reason = "its head, or Ray on this machine, has ended"
             raise RunFailedError(f"the connection to the Ray cluster was lost: {reason}")
         if "refused" in answer:
             raise InputError(answer["refused"])

@@ -13,7 +13,9 @@ import socket
 import sys
 import threading
 import time
+from collections.abc import Sequence
 from contextlib import suppress
+from pathlib import Path
 from types import ModuleType
 from typing import IO, Any
 
@@ -30,7 +32,7 @@ SECONDS_TO_LOOK = 60.0
 
 _SECONDS_TO_REACH = 10.0
 _SECONDS_OF_A_WAIT = 0.5
-_SECONDS_BETWEEN_COUNTS = 1.0
+_SECONDS_BETWEEN_LOOKS = 1.0
 _SECONDS_TO_SAVE = 35.0  # a little more than a task gives its process
 _OBJECT_STORE_BYTES = 100 * 2**20  # nearly the least that Ray takes: nothing large is sent
 _KILLED_CODE = -9
@@ -119,16 +121,17 @@ class Driver:
         self._answers = answers
         self._jobs: dict[Any, str] = {}
         """Names of the running jobs, by what Ray calls them."""
+        self._marks: dict[Any, Path] = {}
+        """The files that tell on which node they run."""
         self._cpus = -1
-        self._next_count_s = 0.0
-        self._is_stopping = False
+        self._next_look_s = 0.0
         self._task = ray.remote(num_cpus=1, max_retries=0)(ray_tasks.run_command)
         self._look = ray.remote(num_cpus=0, max_retries=0)(ray_tasks.look)
 
     def serve(self, requests: "queue.Queue[dict[str, Any] | None]") -> None:
         """Serve requests until None comes; then let running jobs save and end."""
         while True:
-            self._count_cpus()
+            self._look_at_nodes()
             try:
                 request = requests.get(timeout=0.0 if self._jobs else _SECONDS_OF_A_WAIT)
             except queue.Empty:
@@ -147,41 +150,58 @@ class Driver:
             case "look":
                 self._tell(looked=self._looked(request["folder"]))
             case "start":
-                given = request["command"], request["log"], request["python"]
-                self._jobs[self._task.remote(*given)] = request["job"]
+                self._start(request)
             case "stop":
                 self._cancel(force=False)
             case "kill":
                 self._cancel(force=True)
+
+    def _start(self, request: dict[str, Any]) -> None:
+        mark = ray_tasks.mark_of(Path(request["log"]))
+        with suppress(OSError):
+            mark.unlink(missing_ok=True)
+        task = self._task.remote(request["command"], request["log"], request["python"])
+        self._jobs[task], self._marks[task] = request["job"], mark
 
     def _tell(self, **answer: Any) -> None:
         with suppress(OSError, ValueError):  # who asked is gone; its standard output ends as well
             self._answers.write(json.dumps(answer) + "\n")
             self._answers.flush()
 
-    def _nodes(self) -> list[dict[str, Any]]:
-        """The machines that can run something."""
-        nodes = [node for node in self._ray.nodes() if node["Alive"]]
-        return [node for node in nodes if node["Resources"].get("CPU", 0.0) >= 1.0]
-
-    def _count_cpus(self) -> None:
+    def _look_at_nodes(self) -> None:
         now_s = time.monotonic()
-        if now_s < self._next_count_s:
+        if now_s < self._next_look_s:
             return
-        self._next_count_s = now_s + _SECONDS_BETWEEN_COUNTS
-        nodes = self._nodes()
+        self._next_look_s = now_s + _SECONDS_BETWEEN_LOOKS
+        found = self._ray.nodes()
+        self._give_up({node["NodeID"] for node in found if not node["Alive"]})
+        nodes = _able(found)
         cpus = sum(int(node["Resources"]["CPU"]) for node in nodes)
         if cpus != self._cpus:
             self._cpus = cpus
             self._tell(cpus=cpus, machines=len(nodes))
 
+    def _give_up(self, lost: set[str]) -> None:
+        """Tell that the jobs of lost nodes are lost, without waiting for Ray to say so of each."""
+        for task, mark in list(self._marks.items()) if lost else ():
+            try:
+                is_lost = mark.read_text() in lost
+            except OSError:  # it has not begun
+                continue
+            if is_lost:
+                self._tell_end(task, None, "its machine was lost")
+
+    def _tell_end(self, task: Any, code: int | None, error: str) -> None:
+        with suppress(OSError):
+            self._marks.pop(task).unlink(missing_ok=True)
+        self._tell(ended=self._jobs.pop(task), code=code, error=error)
+
     def _tell_ends(self, patience_s: float) -> None:
         if not self._jobs:
             return
         ready, _ = self._ray.wait(list(self._jobs), num_returns=1, timeout=patience_s)
-        for reference in ready:
-            code, error = self._end_of(reference)
-            self._tell(ended=self._jobs.pop(reference), code=code, error=error)
+        for task in ready:
+            self._tell_end(task, *self._end_of(task))
 
     def _end_of(self, reference: Any) -> tuple[int | None, str]:
         """The exit code of a job, None if it was lost, and why it ended."""
@@ -208,7 +228,7 @@ class Driver:
         """What every machine sees of a directory; ``fault`` says why it could not tell."""
         pinned = self._ray.util.scheduling_strategies.NodeAffinitySchedulingStrategy
         asked = {}
-        for node in self._nodes():
+        for node in _able(self._ray.nodes()):
             there = self._look.options(scheduling_strategy=pinned(node["NodeID"], soft=False))
             asked[there.remote(folder, node["NodeID"])] = node["NodeManagerHostname"]
         self._ray.wait(list(asked), num_returns=len(asked), timeout=SECONDS_TO_LOOK)
@@ -223,6 +243,11 @@ class Driver:
                 cause = getattr(error, "cause", None) or error
                 found.append({"host": host, "fault": shortened(in_one_line(cause))})
         return found
+
+
+def _able(nodes: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The nodes that can run something."""
+    return [one for one in nodes if one["Alive"] and one["Resources"].get("CPU", 0.0) >= 1.0]
 
 
 def _read_requests(requests: "queue.Queue[dict[str, Any] | None]") -> None:

@@ -12,6 +12,7 @@ from filelock import FileLock, Timeout
 from orchid_uav.experiments.jobs.child_process import Child, describe_end, shortened
 from orchid_uav.experiments.jobs.executor import INTERRUPTED_CODE
 from orchid_uav.experiments.provenance import describe_host, describe_versions
+from orchid_uav.extras import import_extra
 from orchid_uav.notices import reason_of
 
 TOKEN_FILE, LOCK_FILE = "token", "lock"
@@ -20,7 +21,18 @@ _SECONDS_BETWEEN_LOOKS = 0.1
 _SECONDS_TO_SAVE = 30.0
 
 
-def run_command(command: Sequence[str], log: str, drivers_python: str) -> tuple[int, str]:
+def mark_of(log: Path) -> Path:
+    """The file that holds the id of the node on which a job runs.
+
+    Ray tells at once which nodes it has lost, but the tasks on one that was merely cut off seem to
+    run for minutes more.
+    """
+    return log.with_suffix(".node")
+
+
+def run_command(
+    command: Sequence[str], log: str, drivers_python: str, node: str | None = None
+) -> tuple[int, str]:
     """Run a job's process to its end; a Ray task.
 
     A process of its own has the main thread, which signals need, and nothing of what Ray's worker
@@ -31,6 +43,7 @@ def run_command(command: Sequence[str], log: str, drivers_python: str) -> tuple[
         command: the command; this machine's Python takes the place of the driver's.
         log: the file that its output is appended to, on a file system that all machines share.
         drivers_python: the Python that the command was made for.
+        node: the id of this node; by default Ray is asked.
 
     Returns:
         Its exit code, or minus the signal that killed it; and why it ended, for people.
@@ -41,6 +54,7 @@ def run_command(command: Sequence[str], log: str, drivers_python: str) -> tuple[
     own = [sys.executable, *command[1:]] if command[0] == drivers_python else list(command)
     child = None
     try:
+        mark_of(path).write_text(_own_node() if node is None else node)
         child = Child.start(own, path)
         # Not `wait`: KeyboardInterrupt comes without a signal, and so only between two calls.
         while child.process.poll() is None:
@@ -56,6 +70,10 @@ def run_command(command: Sequence[str], log: str, drivers_python: str) -> tuple[
     child.close()
     code = child.process.returncode
     return code, describe_end(code, path, child.log_start)
+
+
+def _own_node() -> str:
+    return import_extra("ray").get_runtime_context().get_node_id()
 
 
 def _wait_while_it_saves(child: Child) -> None:

@@ -37,10 +37,10 @@ from orchid_uav.experiments.training.listeners import Reporter
 from orchid_uav.notices import show_on_stderr
 from orchid_uav.storage.files import read_document, write_json
 
-_PATIENCE_S = 180.0
-"""How long the process of a job waits for another that writes its run. That one, on a machine which
-was lost, notices within about a minute and saves; a server of files gives the locks of a dead
-machine back after 90 seconds (the usual lease of NFS)."""
+_PATIENCE_S = 300.0
+"""How long the process of a job waits for another that writes its run. On a machine that was cut
+off from a Ray cluster that one works on for two to three minutes more; a server of files gives the
+locks of a dead machine back after 90 seconds (the usual lease of NFS)."""
 
 
 @dataclass(frozen=True)

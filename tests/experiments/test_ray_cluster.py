@@ -160,7 +160,7 @@ class TestChoice:
 
 
 FAKE_RAY = """
-import os, sys, types
+import os, sys, time
 print("Ray talks", flush=True)
 os.write(1, b"even past Python\\n")
 
@@ -185,7 +185,8 @@ def shutdown(): pass
 def nodes():
     cpus = {"CPU": 2.0}
     one = {"Alive": True, "Resources": cpus, "NodeID": "1", "NodeManagerHostname": "one"}
-    return [one, {**one, "NodeID": "2"}, {**one, "Alive": False}, {**one, "Resources": {}}]
+    dead = {**one, "NodeID": "dead", "Alive": False}
+    return [one, {**one, "NodeID": "2"}, dead, {**one, "Resources": {}}]
 
 class Reference:
     def __init__(self, name): self.name = name
@@ -194,10 +195,17 @@ class remote:
     def __init__(self, **options): self.given = options
     def __call__(self, function): return self
     def options(self, **options): return self
-    def remote(self, command, *rest): return Reference(command[0])
+    def remote(self, command, log, *rest):
+        if command[0] == "cut-off":
+            with open(log[:-4] + ".node", "w") as file:
+                file.write("dead")
+        return Reference(command[0])
 
 def wait(references, num_returns, timeout):
-    return references[:1], references[1:]
+    ready = [one for one in references if one.name != "cut-off"]
+    if not ready:
+        time.sleep(timeout)
+    return ready[:1], []
 
 def get(reference, timeout=None):
     kind = getattr(exceptions, reference.name, None)
@@ -243,6 +251,20 @@ class TestDriver:
         assert ends[1].error == "No module named 'orchid_uav'"
         assert "memory" in ends[3].error
         assert ends[4].error == "its Ray worker on 10.0.0.7 was lost (NodeDiedError)"
+
+    def test_what_runs_on_a_node_that_was_cut_off_is_lost(self, fake_ray, tmp_path, monkeypatch):
+        monkeypatch.setattr(ray_cluster, "_MOST_LOSSES", 1)
+        executor = RayCluster("local", 2)
+        try:
+            cut = Job("a.b-s0", ("cut-off",), tmp_path / "a.b-s0.log", float)
+            ends = executor.run([cut, job("fine", "fine")], Told())
+        finally:
+            executor.close()
+        assert [(end.status, end.code, end.tries, end.error) for end in ends] == [
+            ("failed", None, 2, "its machine was lost"),
+            ("completed", 0, 1, None),
+        ]
+        assert not list(tmp_path.glob("*.node"))
 
     @pytest.mark.parametrize(
         ("reason", "text"),
@@ -378,7 +400,7 @@ def python(code, *arguments):
 
 class TestTask:
     def run(self, command, log):
-        return ray_tasks.run_command(command, str(log), "the-drivers-python")
+        return ray_tasks.run_command(command, str(log), "the-drivers-python", "this-node")
 
     def test_runs_a_command_with_the_python_of_its_machine(self, tmp_path):
         log = tmp_path / "log"
@@ -395,6 +417,10 @@ class TestTask:
         code, error = self.run(python("pass"), tmp_path / "shared" / "log")
         assert (code, error.endswith(f"does not see {tmp_path / 'shared'}")) == (1, True)
         assert list(tmp_path.iterdir()) == []
+
+    def test_tells_where_it_runs(self, tmp_path):
+        self.run(python("pass"), tmp_path / "a.b-s0.log")
+        assert (tmp_path / "a.b-s0.node").read_text() == "this-node"
 
     def test_lets_its_process_save_where_it_is_cancelled(self, tmp_path):
         saves = """
@@ -539,7 +565,7 @@ class TestRealCluster:
         assert record_of(lost)["status"] == "running"
         told, notes = there.communicate(timeout=GIVE_UP_AFTER_S)
         assert there.returncode == 0, notes
-        assert "was lost" in notes
+        assert "was lost" in notes, notes
         assert "it is run once more and continues where it stopped" in notes
         assert len(record_of(lost)["resumed"]) == 1
         log = next((tmp_path / "there" / "jobs").glob(f"{lost.name[17:-5]}.log")).read_text()
