@@ -27,7 +27,7 @@ from orchid_uav.extras import import_extra
 from orchid_uav.notices import in_one_line, reason_of
 
 AUTO, LOCAL = "auto", "local"
-SECONDS_TO_LOOK = 60.0
+SECONDS_TO_LOOK = 120.0
 """How long the machines have to say what they see."""
 
 _SECONDS_TO_REACH = 10.0
