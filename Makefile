@@ -10,7 +10,7 @@ PAGE := experiments/replay/page
 JOBS ?= 2
 
 .DEFAULT_GOAL := help
-.PHONY: help install train test test-browser test-trackers test-lowest test-newest lint replay-page bench docs docs-data mutants reference studies ablation reproduce public validation fixed-batch clean FORCE
+.PHONY: help install train test test-browser test-trackers test-ray test-lowest test-newest lint replay-page bench docs docs-data mutants reference studies ablation reproduce public validation fixed-batch clean FORCE
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -37,6 +37,9 @@ test-trackers: .venv-trackers/.installed  ## runs in a real MLflow, trackio and 
 # Old libraries beside new ones deprecate each other: no fault of ours, and none of theirs either.
 test-lowest test-newest: test-%:
 	.venv-$*/bin/python -m pytest -n $(JOBS) -W ignore::DeprecationWarning
+
+test-ray: install .venv-ray/.installed  ## run the tests that need Ray, with real clusters on this machine
+	.venv-ray/bin/python -m pytest tests/experiments/test_ray_cluster.py
 
 lint: install  ## ruff and mypy
 	$(BIN)/ruff check .
@@ -124,22 +127,29 @@ export NO_COMPILER
 
 # On top of .venv, so that torch, MPE2 and this package are the same on both sides.
 .venv-benchmarl/.installed: benchmarks/requirements/benchmarl.txt .venv/.installed
-	$(BIN)/python -m venv .venv-benchmarl
-	below=$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') && \
-	own=$$(.venv-benchmarl/bin/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') && \
-	echo "import site; site.addsitedir('$$below')" > "$$own/orchid.pth"
+	$(call venv_on_top,.venv-benchmarl)
 	.venv-benchmarl/bin/python -m pip install --quiet --no-deps --requirement $<
 	@touch $@
 
 # On top of .venv, but for the versions that MLflow (pyarrow) and trackio (pillow) do not take yet.
 .venv-trackers/.installed: pyproject.toml constraints.txt .venv/.installed
-	$(BIN)/python -m venv .venv-trackers
+	$(call venv_on_top,.venv-trackers)
 	grep -vE '^(pyarrow|pillow)==' constraints.txt > .venv-trackers/constraints.txt
 	.venv-trackers/bin/python -m pip install --quiet --constraint .venv-trackers/constraints.txt mlflow trackio wandb
-	below=$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') && \
-	own=$$(.venv-trackers/bin/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') && \
-	echo "import site; site.addsitedir('$$below')" > "$$own/orchid.pth"
 	@touch $@
+
+.venv-ray/.installed: pyproject.toml constraints.txt .venv/.installed
+	$(call venv_on_top,.venv-ray)
+	.venv-ray/bin/python -m pip install --quiet --constraint constraints.txt ray
+	@touch $@
+
+# venv_on_top VENV: one that also has all that .venv has.
+define venv_on_top
+$(BIN)/python -m venv $(1)
+below=$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') && \
+own=$$($(1)/bin/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') && \
+echo "import site; site.addsitedir('$$below')" > "$$own/orchid.pth"
+endef
 
 .venv-agilerl/.installed: benchmarks/requirements/agilerl.txt
 	$(PYTHON) -m venv .venv-agilerl

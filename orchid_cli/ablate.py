@@ -4,6 +4,7 @@ import json
 import math
 import shlex
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -31,7 +32,9 @@ from orchid_uav.cli.options import (
     VARIANTS_PANEL,
     BaseFlags,
     ConfigOption,
+    JobsOption,
     PresetOption,
+    RayOption,
     VariantFlags,
     configuration,
     listed,
@@ -47,7 +50,7 @@ if TYPE_CHECKING:
     from orchid_uav.experiments.ablation.result import AblationResult
     from orchid_uav.experiments.ablation.study import AblationStudy
     from orchid_uav.experiments.ablation.variants import Variant
-    from orchid_uav.experiments.jobs.local_processes import LocalProcesses
+    from orchid_uav.experiments.jobs.executor import Executor
     from orchid_uav.experiments.training.job import TrainingJob
 
 _BASE, _STUDY = "Base", "Study"
@@ -90,9 +93,6 @@ def ablate(
     ] = None,
     flags: BaseFlags,
     seeds: Annotated[str, option(_STUDY, "Training seeds (default: 0..9).")] = "0..9",
-    jobs: Annotated[
-        int | None, option(_STUDY, "Runs trained at once (default: one per core).")
-    ] = None,
     topologies: Annotated[
         int,
         option(
@@ -113,6 +113,8 @@ def ablate(
             "Share of the base's mean below which a difference is negligible (default: 0.05).",
         ),
     ] = 0.05,
+    jobs: JobsOption = None,
+    ray: RayOption = None,
     out: Annotated[
         Path | None,
         option(OUTPUT_PANEL, "Directory of the study (default: ./orchid-ablate/TIME).", "--out"),
@@ -127,6 +129,7 @@ def ablate(
     does not train finished seeds again. Seeds and variants can be added to a study in the same way.
 
     Example: orchid ablate --no-rf --kappa 0.1,0.3 --seeds 0..4 --jobs 2
+    Example: orchid ablate --no-rf --ray auto --out /shared/no-rf
     """
     with failing_well(debug):
         show_on_stderr(with_notes=not quiet)
@@ -143,25 +146,24 @@ def ablate(
         from orchid_uav.experiments.ablation.design import Ablation
         from orchid_uav.experiments.ablation.study import DEFAULT_PARENT, RUNS_FOLDER, AblationStudy
         from orchid_uav.experiments.evaluation.directory import make_default_directory
-        from orchid_uav.experiments.jobs.child_process import usable_cores
-        from orchid_uav.experiments.jobs.local_processes import LocalProcesses
+        from orchid_uav.experiments.jobs.choice import executor_for
         from orchid_uav.experiments.runs.records import expanded
 
-        executor = LocalProcesses(usable_cores() if jobs is None else jobs)
-        if executor.note:
-            print_note(executor.note)
-        directory = make_default_directory(DEFAULT_PARENT) if out is None else expanded(out)
         command = ["orchid", *context.obj]
         ablation = Ablation(merged, compared, seed_list, topologies, evaluation_seed, margin)
-        study = AblationStudy(ablation, directory, command)
-        study.reserve()
-        again = shlex.join([*command, *([] if out else ["--out", str(directory)])])
         shown = console(stderr=as_json)
-        try:
-            with stdout_for_json_alone(as_json):
+        with closing(executor_for(jobs, ray)) as executor, stdout_for_json_alone(as_json):
+            if executor.note:
+                print_note(executor.note)
+            directory = make_default_directory(DEFAULT_PARENT) if out is None else expanded(out)
+            study = AblationStudy(ablation, directory, command)
+            executor.check(directory)
+            study.reserve()
+            again = shlex.join([*command, *([] if out else ["--out", str(directory)])])
+            try:
                 document = _run(study, executor, shown, quiet, again)
-        except RunFailedError as error:
-            raise RunFailedError(f"{error}\ntry again with: {again}") from error
+            except RunFailedError as error:
+                raise RunFailedError(f"{error}\ntry again with: {again}") from error
         if document is None:
             print_line(console(stderr=True), f"interrupted; continue with: {again}")
             raise typer.Exit(INTERRUPTED)
@@ -207,7 +209,7 @@ def _words(text: str | None) -> list[str]:
 
 
 def _run(
-    study: "AblationStudy", executor: "LocalProcesses", shown: Console, quiet: bool, again: str
+    study: "AblationStudy", executor: "Executor", shown: Console, quiet: bool, again: str
 ) -> "AblationResult | None":
     """Train and evaluate; return None if interrupted."""
     from orchid_uav.cli.progress.evaluation import evaluation_progress

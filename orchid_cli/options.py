@@ -30,6 +30,7 @@ from orchid_uav.experiments.presets import PRESETS
 
 _DECISIONS = re.compile(r" \(M\d+(, M\d+)*\)")
 """References to docs/model.md, which are useless on a terminal."""
+WHERE_PANEL = "Where runs are trained"
 VARIANTS_PANEL, SETTINGS_PANEL = "Variants, each compared with the base", "Settings"
 
 
@@ -61,6 +62,19 @@ SetOption = Annotated[
         "section.key=value: replaces the file's value; may be repeated; lists as 1,2,3.",
         "--set",
         autocompletion=completion.assignments,
+    ),
+]
+JobsOption = Annotated[
+    int | None, option(WHERE_PANEL, "Runs trained at once (default: one per core).", "--jobs")
+]
+RayOption = Annotated[
+    str | None,
+    option(
+        WHERE_PANEL,
+        "Train on a Ray cluster: auto, the one of this machine; HOST:PORT; or local, one that ends "
+        "with the command. Nothing else joins one (default: this machine, without Ray).",
+        "--ray",
+        metavar="ADDRESS",
     ),
 ]
 

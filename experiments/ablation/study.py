@@ -37,7 +37,7 @@ from orchid_uav.experiments.evaluation.flights import FlightProgress, Plan
 from orchid_uav.experiments.figures.contact_sheet import write_ablation_sheet
 from orchid_uav.experiments.figures.learning_curves import draw_learning_curves
 from orchid_uav.experiments.figures.style import setting_of
-from orchid_uav.experiments.jobs.local_processes import Executor, JobProgress
+from orchid_uav.experiments.jobs.executor import Executor, JobProgress
 from orchid_uav.experiments.jobs.workload import Job
 from orchid_uav.experiments.runs.directory import Row, read_episodes
 from orchid_uav.experiments.runs.records import EPISODES_FILE, check_log, read_record
@@ -82,7 +82,9 @@ class AblationStudy:
         """Other seeds and variants may be added to a study, but not another base."""
         directory = self.directory
         try:
-            if not directory.exists() or (directory.is_dir() and not any(directory.iterdir())):
+            if not directory.exists() or (
+                directory.is_dir() and {path.name for path in directory.iterdir()} <= {RUNS_FOLDER}
+            ):  # runs may come first, for example from an array of jobs
                 return
             document = read_document(directory / DOCUMENT_FILE, _LARGEST_DOCUMENT)
             known = AblationHeader.from_json(document).settings

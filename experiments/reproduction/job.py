@@ -21,7 +21,7 @@ from orchid_uav.experiments.reproduction.settings import (
     flown_by,
 )
 from orchid_uav.experiments.reproduction.trainings import SEEDS, TRAININGS
-from orchid_uav.experiments.training.job import TrainingJob, run_as_job, run_one
+from orchid_uav.experiments.training.job import PATIENCE_S, TrainingJob, run_as_job, run_one
 from orchid_uav.storage.files import read_document, write_json
 
 HOVERING = {"static-mmf": "orchid", "static-pf": "maddpg-pf"}
@@ -149,7 +149,7 @@ def make_row(job: RowJob) -> int:
     from orchid_uav.experiments.reproduction.measuring import watchers
 
     training = job.training_job()
-    if training is not None and (code := run_one(training, watchers(training.config))):
+    if training is not None and (code := run_one(training, watchers(training.config), PATIENCE_S)):
         return code
     with interruption_requests() as interruption:
         row = _measured(job, training, lambda: interruption.requested)

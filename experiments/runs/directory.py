@@ -144,7 +144,9 @@ class RunDirectory:
         return run
 
     @classmethod
-    def reopen(cls, path: Path, config: RunConfig, command: Sequence[str]) -> "RunDirectory":
+    def reopen(
+        cls, path: Path, config: RunConfig, command: Sequence[str], lock: RunLock | None = None
+    ) -> "RunDirectory":
         """Resume a run that was interrupted, failed or died, or extend a complete one.
 
         A run whose directory is not named by its id is a copy or was renamed. Either way its id
@@ -154,11 +156,12 @@ class RunDirectory:
             path: the run's directory.
             config: the run's configuration, perhaps with more episodes.
             command: the command that resumes it.
+            lock: the run's lock, if this process already has it.
 
         Raises:
             InputError: another process is writing the run, or it is damaged or cannot be written.
         """
-        lock = RunLock(path)
+        lock = lock or RunLock(path)
         try:
             run = cls(path, lock, read_record(path))
             run._reserve()  # before anything changes

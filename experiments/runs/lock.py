@@ -2,6 +2,7 @@
 
 import errno
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 from filelock import FileLock, Timeout
@@ -17,6 +18,10 @@ _NO_LOCKS = {errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOTSUP, errno.ENOLCK, _LINUX
 """Errors of file systems without locks."""
 
 
+class RunHeldError(InputError):
+    """Another process has the right to write the run."""
+
+
 class RunLock:
     """The right to write a run directory, held by this process until it is released or dies.
 
@@ -24,19 +29,31 @@ class RunLock:
 
     Args:
         directory: the run's directory.
+        patience_s: how long to wait for another process that has the lock; None for an instant.
+        gives_up: asked again and again whether to wait no longer.
 
     Raises:
-        InputError: another process holds the lock, or the directory cannot be written.
+        RunHeldError: another process holds the lock.
+        InputError: the directory cannot be written.
     """
 
-    def __init__(self, directory: Path) -> None:
+    def __init__(
+        self,
+        directory: Path,
+        patience_s: float | None = None,
+        gives_up: Callable[[], bool] = lambda: False,
+    ) -> None:
         if not directory.is_dir():  # `FileLock` would make it
             raise InputError(f"cannot write to {directory}: no such directory")
         self._lock = _lock_of(directory)
         try:
-            self._lock.acquire(timeout=_PATIENCE_S)
+            self._lock.acquire(
+                timeout=_PATIENCE_S if patience_s is None else patience_s, cancel_check=gives_up
+            )
         except Timeout as error:
-            raise InputError(f"run {directory.name} is being written by another process") from error
+            raise RunHeldError(
+                f"run {directory.name} is being written by another process"
+            ) from error
         except OSError as error:
             if error.errno not in _NO_LOCKS:
                 reason = reason_of(error)

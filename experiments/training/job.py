@@ -17,10 +17,15 @@ from typing import TYPE_CHECKING, Any, Literal, NoReturn
 
 from orchid_uav.experiments.configuration import RunConfig
 from orchid_uav.experiments.errors import InputError, RunFailedError
-from orchid_uav.experiments.interruption import ignore_signals, interruption_requests
-from orchid_uav.experiments.jobs.local_processes import INTERRUPTED_CODE
+from orchid_uav.experiments.interruption import (
+    Interruption,
+    ignore_signals,
+    interruption_requests,
+)
+from orchid_uav.experiments.jobs.executor import INTERRUPTED_CODE
 from orchid_uav.experiments.jobs.workload import Job
 from orchid_uav.experiments.output import lasting_output
+from orchid_uav.experiments.runs.lock import RunHeldError, RunLock
 from orchid_uav.experiments.runs.records import (
     EPISODES_FILE,
     SeenStatus,
@@ -34,6 +39,11 @@ from orchid_uav.storage.files import read_document, write_json
 
 if TYPE_CHECKING:
     from orchid_uav.callbacks import EpisodeCallback
+
+PATIENCE_S = 300.0
+"""How long the process of a job waits for another that writes its run. On a machine that was cut
+off from a Ray cluster that one works on for two to three minutes more; a server of files gives the
+locks of a dead machine back after 90 seconds (the usual lease of NFS)."""
 
 
 @dataclass(frozen=True)
@@ -80,6 +90,7 @@ class TrainingJob:
 
     def as_job(self, folder: Path, cost: float = 1.0) -> Job:
         """Describe the process that trains the run; its order and log are kept in ``folder``."""
+        folder = folder.absolute()  # the process may run on another machine
         order = folder / f"{self.key}.json"
         write_json(
             order,
@@ -147,12 +158,15 @@ class _Log(Reporter):
         print(f"run {run.id} from episode {len(rows) + 1} on", flush=True)
 
 
-def run_one(job: TrainingJob, watchers: "Sequence[EpisodeCallback]" = ()) -> int:
+def run_one(
+    job: TrainingJob, watchers: "Sequence[EpisodeCallback]" = (), patience_s: float = 0.0
+) -> int:
     """Complete the run: begin it, go on where it stopped, or do nothing if it is complete.
 
     Args:
         job: the run.
         watchers: further callbacks; see :func:`orchid_uav.experiments.training.loop.train`.
+        patience_s: how long to wait for another process that is writing the run.
 
     Returns:
         0, or 130 if it was interrupted; what was done is then kept.
@@ -173,10 +187,36 @@ def run_one(job: TrainingJob, watchers: "Sequence[EpisodeCallback]" = ()) -> int
         if path is None:
             run = RunDirectory.create(job.runs_dir, job.name, job.config, job.command)
         else:
-            run = RunDirectory.reopen(path, job.config, job.command)
+            lock = _lock_of(path, patience_s, interruption)
+            if lock is None:
+                return INTERRUPTED_CODE
+            if job.completed():  # by the process that was waited for
+                lock.release()
+                return 0
+            run = RunDirectory.reopen(path, job.config, job.command, lock)
         trackers = [open_tracker("tensorboard", run.path, job.config)]
         outcome = train(job.config, run, _Log(), trackers, interruption, watchers)
     return 0 if outcome.status == "completed" else INTERRUPTED_CODE
+
+
+def _lock_of(path: Path, patience_s: float, interruption: Interruption) -> RunLock | None:
+    """The lock of a run, which another process may have for a while; None if interrupted.
+
+    Raises:
+        InputError: it has not been given back in this time, or the directory cannot be written.
+    """
+    try:
+        return RunLock(path)
+    except RunHeldError as error:
+        if not patience_s:
+            raise
+        print(f"{error}: waiting for its end, at most {patience_s:.0f} s", flush=True)
+    try:
+        return RunLock(path, patience_s, lambda: interruption.requested)
+    except RunHeldError:
+        if interruption.requested:
+            return None
+        raise
 
 
 def _stop_with_parent() -> None:
@@ -213,4 +253,4 @@ def run_as_job(work: Callable[[Path], int]) -> NoReturn:
 
 
 if __name__ == "__main__":
-    run_as_job(lambda order: run_one(TrainingJob.read(order)))
+    run_as_job(lambda order: run_one(TrainingJob.read(order), patience_s=PATIENCE_S))

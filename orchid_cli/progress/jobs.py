@@ -8,7 +8,7 @@ from rich.progress import TaskID, TextColumn
 
 from orchid_uav.cli.console import has_cursor, print_line
 from orchid_uav.cli.progress.displays import Pace, bars
-from orchid_uav.experiments.jobs.local_processes import JobEnd, JobProgress, Overview
+from orchid_uav.experiments.jobs.executor import JobEnd, JobProgress, Overview
 from orchid_uav.experiments.jobs.workload import Job
 
 _MOST_NAMES = 8

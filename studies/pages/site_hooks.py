@@ -33,7 +33,14 @@ FLIGHT = "flight.html"
 """The replay that docs/replay.md shows in a frame."""
 FONT = "STIXTwoMath-Regular.ttf"
 """A font for formulas, since few systems have one; its licence is the OFL."""
-_LANGUAGES = {".py": "python", ".toml": "toml", ".json": "json", ".cff": "yaml", ".yml": "yaml"}
+_LANGUAGES = {
+    ".py": "python",
+    ".sbatch": "bash",
+    ".toml": "toml",
+    ".json": "json",
+    ".cff": "yaml",
+    ".yml": "yaml",
+}
 _FENCED = re.compile(r"^(```|~~~).*?^\1[ \t]*$", re.MULTILINE | re.DOTALL)
 _LINK = re.compile(r"(?<=\]\()(?P<path>[^)\s#]+)(?P<anchor>#[^)\s]*)?(?=\))")
 _FORMULA = re.compile(

@@ -51,8 +51,8 @@ from orchid_uav.experiments.errors import RunFailedError
 from orchid_uav.experiments.evaluation import flights as evaluation
 from orchid_uav.experiments.evaluation.flights import Plan, Setting, evaluate
 from orchid_uav.experiments.evaluation.methods import rules
-from orchid_uav.experiments.jobs import local_processes as jobs
-from orchid_uav.experiments.jobs.local_processes import JobEnd
+from orchid_uav.experiments.jobs import choice
+from orchid_uav.experiments.jobs.executor import JobEnd
 from orchid_uav.experiments.statistics.intervals import MetricSummary
 from orchid_uav.experiments.training.job import TrainingJob, run_one
 from tests.helpers.damage import reseal
@@ -98,6 +98,12 @@ class InThisProcess:
     def __init__(self, processes):
         self.processes = processes
 
+    def check(self, folder):
+        pass
+
+    def close(self):
+        pass
+
     def run(self, given, progress):
         progress.begin(given, 1)
         ends = []
@@ -117,7 +123,7 @@ class InThisProcess:
 
 def hurry(patch) -> None:
     """Jobs in this process, and nothing measured; no git, and no waiting for the disk."""
-    patch.setattr(jobs, "LocalProcesses", InThisProcess)
+    patch.setattr(choice, "LocalProcesses", InThisProcess)
     patch.setattr(InThisProcess, "names", [])
     patch.setattr(calibration, "seconds_per_episode", lambda config: 0.1)
     patch.setattr(provenance, "git_commit", lambda: None)

@@ -24,14 +24,11 @@ from orchid_uav.cli.progress.jobs import (
     job_progress,
 )
 from orchid_uav.experiments.errors import InputError
+from orchid_uav.experiments.jobs import executor as executor_module
 from orchid_uav.experiments.jobs import local_processes as jobs_module
 from orchid_uav.experiments.jobs.child_process import describe_end
-from orchid_uav.experiments.jobs.local_processes import (
-    JobEnd,
-    JobProgress,
-    LocalProcesses,
-    Overview,
-)
+from orchid_uav.experiments.jobs.executor import JobEnd, JobProgress, Overview
+from orchid_uav.experiments.jobs.local_processes import LocalProcesses
 from orchid_uav.experiments.jobs.workload import Job, Workload, last_end
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals and sessions are POSIX")
@@ -790,7 +787,7 @@ class TestExceptions:
         assert before == [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
 
     def test_kill_jobs_that_do_not_stop(self, make, tmp_path, monkeypatch):
-        monkeypatch.setattr(jobs_module, "_SECONDS_TO_SAVE", 0.3)
+        monkeypatch.setattr(executor_module, "_SECONDS_TO_SAVE", 0.3)
         progress = self.broken_at(monkeypatch, "update", tmp_path)
         began_s = time.monotonic()
         with pytest.raises(BreakingError):

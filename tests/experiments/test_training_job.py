@@ -6,6 +6,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 from contextlib import suppress
 from pathlib import Path
@@ -26,6 +27,7 @@ from tests.helpers.processes import (
     columns,
     files_of,
     fingerprint,
+    forked,
     killed_at_step,
     learned_files,
     record_of,
@@ -171,6 +173,57 @@ class TestRunOne:
         with pytest.raises(InputError, match="is being written by another process"):
             run_one(job)
         held.finish("interrupted", [], [], 0.0)
+
+
+class TestWaiting:
+    """For another process that writes the run, such as one on a machine that was thought lost."""
+
+    @pytest.fixture
+    def held(self, make):
+        """A run that another process holds until it is told to end, and how it then leaves it."""
+        told, tell = os.pipe()
+        ready, begun = os.pipe()
+        job = make()
+
+        def hold():
+            run = RunDirectory.create(job.runs_dir, job.name, job.config, COMMAND)
+            os.write(begun, b"!")
+            if os.read(told, 1) == b"c":
+                training.train(job.config, run, Audience(), (), Interruption())
+            else:
+                run.finish("interrupted", [], [], 0.0)
+
+        child = forked(hold)
+        os.read(ready, 1)
+        yield job, lambda way: os.write(tell, way)
+        os.write(tell, b"i")
+        os.waitpid(child, 0)
+        for descriptor in (told, tell, ready, begun):
+            os.close(descriptor)
+
+    def test_goes_on_once_that_one_has_ended(self, held, whole, capsys):
+        job, tell = held
+        threading.Timer(0.5, tell, [b"i"]).start()
+        assert run_one(job, patience_s=GIVE_UP_AFTER_S) == 0
+        assert "is being written by another process: waiting for its end" in capsys.readouterr().out
+        assert learned_files(only_run(job)) == learned_files(whole)
+
+    def test_has_nothing_to_do_where_that_one_has_completed_it(self, held, whole):
+        job, tell = held
+        threading.Timer(0.5, tell, [b"c"]).start()
+        assert run_one(job, patience_s=GIVE_UP_AFTER_S) == 0
+        assert record_of(only_run(job))["resumed"] == []
+        assert learned_files(only_run(job)) == learned_files(whole)
+
+    def test_fails_after_a_while(self, held):
+        with pytest.raises(InputError, match="is being written by another process"):
+            run_one(held[0], patience_s=0.2)
+
+    def test_ends_where_it_is_asked_to_stop(self, held):
+        stop = threading.Timer(0.5, os.kill, [os.getpid(), signal.SIGTERM])
+        stop.start()
+        assert run_one(held[0], patience_s=GIVE_UP_AFTER_S) == 130
+        assert held[0].status() == "running"
 
 
 class TestFinding:
