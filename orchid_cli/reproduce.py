@@ -2,6 +2,7 @@
 
 import json
 import shlex
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -21,12 +22,12 @@ from orchid_uav.cli.console import (
     print_note,
     stdout_for_json_alone,
 )
-from orchid_uav.cli.options import option
+from orchid_uav.cli.options import JobsOption, RayOption, option
 from orchid_uav.experiments.errors import RunFailedError
 from orchid_uav.notices import show_on_stderr
 
 if TYPE_CHECKING:
-    from orchid_uav.experiments.jobs.local_processes import LocalProcesses
+    from orchid_uav.experiments.jobs.executor import Executor
     from orchid_uav.experiments.reproduction.campaign import Campaign
     from orchid_uav.experiments.statistics.results import Status
 
@@ -63,9 +64,8 @@ def reproduce(
             "--train/--no-train",
         ),
     ] = True,
-    jobs: Annotated[
-        int | None, option(_STUDY, "Runs trained at once (default: one per core).")
-    ] = None,
+    jobs: JobsOption = None,
+    ray: RayOption = None,
     rows: Annotated[
         Path | None,
         option(
@@ -99,8 +99,7 @@ def reproduce(
         show_on_stderr(with_notes=not quiet)
         # torch and matplotlib take seconds to import, so names are checked first.
         wanted = tuple(dict.fromkeys(word.strip() for word in (only or "").split(",") if only))
-        from orchid_uav.experiments.jobs.child_process import usable_cores
-        from orchid_uav.experiments.jobs.local_processes import LocalProcesses
+        from orchid_uav.experiments.jobs.choice import executor_for
         from orchid_uav.experiments.reproduction.campaign import (
             DEFAULT_DIRECTORY,
             DEFAULT_QUICK,
@@ -112,19 +111,18 @@ def reproduce(
 
         directory = expanded(out or (DEFAULT_QUICK if quick else DEFAULT_DIRECTORY))
         campaign = Campaign(directory, expanded(rows or directory / ROWS_FOLDER), quick, wanted)
-        executor = LocalProcesses(usable_cores() if jobs is None else jobs)
-        if executor.note:
-            print_note(executor.note)
         command = ["orchid", *context.obj]
-        campaign.reserve(command)
-        shown = console(stderr=as_json)
-        again = shlex.join(command)
-        try:
-            with stdout_for_json_alone(as_json):
-                status = _make(campaign, executor, shown, quiet, again) if train else "completed"
+        shown, again = console(stderr=as_json), shlex.join(command)
+        status: Status = "completed"
+        with stdout_for_json_alone(as_json):
+            campaign.reserve(command)
+            try:
+                if train:
+                    with closing(executor_for(jobs, ray)) as executor:
+                        status = _make(campaign, executor, shown, quiet, again)
                 document = campaign.report(command, status)
-        except RunFailedError as error:
-            raise RunFailedError(f"{error}\ntry again with: {again}") from error
+            except RunFailedError as error:
+                raise RunFailedError(f"{error}\ntry again with: {again}") from error
         if as_json:
             print(json.dumps(document.to_json(), allow_nan=False))
         else:
@@ -141,9 +139,13 @@ def reproduce(
 
 
 def _make(
-    campaign: "Campaign", executor: "LocalProcesses", shown: Console, quiet: bool, again: str
+    campaign: "Campaign", executor: "Executor", shown: Console, quiet: bool, again: str
 ) -> "Status":
     """Make the rows that are missing, and say how that ended."""
+    if executor.note:
+        print_note(executor.note)
+    for folder in (campaign.directory, campaign.rows):
+        executor.check(folder)
     from orchid_uav.cli.progress.jobs import job_progress
     from orchid_uav.experiments.reproduction.campaign import measured_minutes
 

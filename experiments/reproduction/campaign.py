@@ -8,7 +8,7 @@ from pathlib import Path
 from orchid_uav.experiments.ablation.calibration import seconds_per_episode
 from orchid_uav.experiments.errors import InputError, RunFailedError
 from orchid_uav.experiments.evaluation.directory import header_of
-from orchid_uav.experiments.jobs.local_processes import Executor, JobEnd, JobProgress
+from orchid_uav.experiments.jobs.executor import Executor, JobEnd, JobProgress
 from orchid_uav.experiments.jobs.workload import last_end
 from orchid_uav.experiments.reproduction.figures.all_figures import draw_figures
 from orchid_uav.experiments.reproduction.job import HOVERING, RULES, RowJob
