@@ -181,7 +181,7 @@ class _Sheet:
         for axes, panel in zip(panels, self.panels, strict=True):
             for row, (label, curve) in enumerate(self.curves.items()):
                 if (panel, 0.0) in curve:
-                    mean, low, high = curve[panel, 0.0]
+                    mean, low, high, _ = curve[panel, 0.0]
                     look = self.looks[label] | {"linestyle": "none"}
                     axes.hlines(row, low, high, colors=look["color"], alpha=0.6)
                     axes.plot([mean], [row], label=label, **look)

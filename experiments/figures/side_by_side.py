@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+import numpy as np
 from matplotlib.axes import Axes
 
 from orchid_uav.experiments.figures.style import (
@@ -95,8 +96,5 @@ def _draw_line(
     if len(places) == 1:  # a band over one place would have no width
         axes.vlines(places, lows, highs, alpha=0.5, **bar)
     if any(errors):
-        ends = [
-            [mean + sign * error for mean, error in zip(means, errors, strict=True)]
-            for sign in (-1.0, 1.0)
-        ]
-        axes.vlines(places, *ends, linewidth=STYLE["lines.linewidth"], **bar)
+        below, above = (np.array(means) + sign * np.array(errors) for sign in (-1.0, 1.0))
+        axes.vlines(places, below, above, linewidth=STYLE["lines.linewidth"], **bar)

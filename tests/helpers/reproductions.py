@@ -1,10 +1,12 @@
 """Rows of a reproduction that never ran, with effects that are known."""
 
+import functools
 import zlib
 from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
+from orchid_uav.experiments.ablation.design import TOLERANCES, WINDOWS
 from orchid_uav.experiments.reproduction.job import HOVERING, RULES
 from orchid_uav.experiments.reproduction.result import SCHEMA as DOCUMENT_SCHEMA
 from orchid_uav.experiments.reproduction.result import TABLED, Reproduction, reproduction
@@ -44,7 +46,7 @@ EFFECTS: dict[str, dict[str, float]] = {
 """By method, beside the usual."""
 SEED_NOISE, TOPOLOGY_NOISE = 0.004, 0.05
 """Standard deviations as shares of the usual value."""
-UNSTEADY = {"orchid-no-rf": 12.0, "orchid-random-init": 12.0}
+UNSTEADY = {"orchid-no-rf": 12.0, "orchid-random-init": 12.0, "orchid-pf": 12.0}
 """How much more than others some methods scatter between their seeds."""
 LEARNED_METRICS = ("reward", "coverage", EFFICIENCY, "rate_jfi", "load_jfi", "worst_rate_bps")
 VERSIONS = {"orchid_uav": "0.1.0", "git_commit": "1234567890abcdef1234567890abcdef12345678"}
@@ -118,7 +120,8 @@ def make_row(method: str, seed: int | None, is_quick: bool = False, **changes: o
         flights.append(make_flight(method, cases[0], seed, deterministic=False, keeps=True))
         zeros = cases if seed == SEEDS[0] else cases[:1]
         flights += [make_flight(f"{method}-zero", case, seed) for case in zeros]
-    episodes = 150 if is_quick else TRAININGS[method].config(10).training.episodes
+    trained = method if is_trained else HOVERING.get(method, "orchid")
+    episodes = 150 if is_quick else _episodes(trained)
     values: dict[str, object] = {
         "schema": SCHEMA,
         "method": method,
@@ -138,6 +141,11 @@ def make_row(method: str, seed: int | None, is_quick: bool = False, **changes: o
     return Row.model_validate(values | changes)
 
 
+@functools.cache
+def _episodes(method: str) -> int:
+    return TRAININGS[method].config(SEEDS[0]).training.episodes
+
+
 def _learned(method: str, seed: int, episodes: int) -> dict[str, object]:
     every = 50 * -(-episodes // 1000)
     evaluations = {
@@ -151,8 +159,8 @@ def _learned(method: str, seed: int, episodes: int) -> dict[str, object]:
         "update_variances": np.where(np.arange(episodes) < 100 + seed, 4e-11, 1e-11).tolist(),
         "firings": [
             Firing(window=window, tolerance=tolerance, episode=200 if window < 30 else None)
-            for window in (10, 20, 30, 40)
-            for tolerance in (0.01, 0.02, 0.05, 0.1)
+            for window in WINDOWS
+            for tolerance in TOLERANCES
         ],
         "actor_latency_us": 25.0,
     }

@@ -9,6 +9,7 @@ from matplotlib import style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
 
 from orchid_uav.experiments.figures.style import (
     PAGE_IN,
@@ -193,7 +194,7 @@ class _Sheet:
         axes.set_ylim(*limits_of(metric, float(values.min()), float(values.max()), axes.get_ylim()))
         axes.set_xlim(0, 1.03 * self.longest)
         set_ticks(axes.yaxis)
-        axes.xaxis.get_major_locator().set_params(nbins=4, integer=True)
+        axes.xaxis.set_major_locator(MaxNLocator(4, integer=True))
 
     def _are_identical(self, metric: str) -> Callable[[str, str], bool]:
         def same(one: str, other: str) -> bool:

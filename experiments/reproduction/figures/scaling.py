@@ -196,7 +196,7 @@ class _Sheet:
             axes.set_ylim(low, high)
             set_ticks(axes.yaxis)
         panels[0].set_xticks(places)
-        room = 0.1 * (places[-1] - places[0])
+        room = 0.16 * (places[-1] - places[0])
         panels[0].set_xlim(places[0] - room, places[-1] + room)
         handles = [
             Line2D([], [], label=f"{label} {marks.get(label, '')}".strip(), **self.looks[label])

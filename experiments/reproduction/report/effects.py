@@ -74,16 +74,20 @@ def _badge(sign: str, kind: str, word: str) -> Markup:
     )  # fmt: skip
 
 
-def difference_text(check: Judgement) -> str:
-    """The difference with its interval, in the unit that is shown."""
+def mean_text(check: Judgement) -> str:
+    """The difference in the unit that is shown."""
     if check.difference is None:
         return "not measured"
     scale = scale_of(check)
-    told = f"{scale.text(check.difference, signed=True)}{UNBREAKABLE}{scale.unit}".strip()
+    return f"{scale.text(check.difference, signed=True)}{UNBREAKABLE}{scale.unit}".strip()
+
+
+def interval_text(check: Judgement) -> str:
+    """Its 95 % interval; empty where there is none."""
     if check.ci95 is None:
-        return told
-    ends = " to ".join(scale.text(end, signed=True) for end in check.ci95)
-    return f"{told} [{ends}]"
+        return ""
+    scale = scale_of(check)
+    return f"[{' to '.join(scale.text(end, signed=True) for end in check.ci95)}]"
 
 
 def least_text(check: Judgement) -> str:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 
+from orchid_uav.experiments.evaluation.method_keys import RELEASED, RULE_IDEAS
 from orchid_uav.experiments.markup import Markup, element, table
 from orchid_uav.experiments.metrics import METRICS
 from orchid_uav.experiments.reproduction.checks import RATE, UTILITY, WORST
@@ -67,27 +68,28 @@ def _methods_table(caption: str, methods: Iterable[FlownMethod]) -> Markup:
     rows: list[list[str]] = []
     classes = []
     for method in methods:
-        kinds = [("as it is" if not method.seeds else "without noise", method.deterministic)]
+        kind = "without noise" if method.seeds else RULE_IDEAS.get(method.method, "as it is")
+        kinds = [(kind, method.deterministic)]
         if method.sampled:
             kinds.append(("with noise", method.sampled))
         for number, (kind, summaries) in enumerate(kinds):
-            rows.append([code(method.method), kind, *_summaries(summaries)])
+            rows.append([code(method.method), kind, *_summaries(summaries, method.seeds > 1)])
             classes.append("first" if number == 0 else "")
         if method.twin:
-            rows.append([code(method.method), "twin: does nothing", *_means(method.twin)])
+            rows.append([code(f"{method.method}-zero"), "does nothing", *_means(method.twin)])
             classes.append("")
     return element("div", table(caption, heads, rows, classes), class_="dense")
 
 
-def _summaries(summaries: Mapping[str, SeedSummary]) -> list[str]:
-    return [_summary(metric, summaries.get(metric)) for metric in TABLED]
+def _summaries(summaries: Mapping[str, SeedSummary], has_spread: bool) -> list[str]:
+    return [_summary(metric, summaries.get(metric), has_spread) for metric in TABLED]
 
 
-def _summary(metric: str, summary: SeedSummary | None) -> Markup:
+def _summary(metric: str, summary: SeedSummary | None, has_spread: bool) -> Markup:
     if summary is None or summary.mean is None:
         return element("td", "–")
     mean = _text(metric, summary.mean)
-    if not summary.std:
+    if not (has_spread and summary.std):
         return element("td", mean)
     return element("td", mean, " ", element("small", f"±\u00a0{_text(metric, summary.std)}"))
 
@@ -128,29 +130,26 @@ def what_is_added(methods: Sequence[FlownMethod]) -> list[Markup]:
     own = [by_key[key] for key in OWN if key in by_key]
     if paper is None or not own:
         return [_nothing()]
-    heads = ["Method"]
+    heads = ["Method", "What it is"]
     for metric in _GAINED:
         heads += [_SCALES[metric].heading, "beside the paper's"]
-    rows = [[code("orchid"), *_beside(paper, None)]]
-    rows += [[code(method.method), *_beside(method, paper)] for method in own]
+    rows = [[code("orchid"), _idea("orchid"), *_beside(paper, None)]]
+    rows += [[code(method.method), _idea(method.method), *_beside(method, paper)] for method in own]
     return [
         element(
             "p",
-            "This project also has methods of its own: ",
-            code("orchid-informed"),
-            " is trained as the paper's, but a drone is told what it could know in flight and "
-            "flies between stations; ",
-            code("balanced-loiter"),
-            " and ",
-            code("best-response"),
-            " are rules that need no training: drones circle where the load is balanced, and each "
-            "drone in turn moves to where the fleet gains most. ",
+            "Beyond the paper, this project trains a policy that is told what a drone in flight "
+            "can know, and flies rules that need no training. ",
             element("dfn", "Utility"),
             " is the paper's own sum of what should be good. These are differences of means, "
             "without a verdict.",
         ),
         table("In the paper's network, flown without noise", heads, rows),
     ]
+
+
+def _idea(key: str) -> Markup:
+    return element("td", (RELEASED | RULE_IDEAS)[key], class_="wrapped")
 
 
 def _beside(method: FlownMethod, paper: FlownMethod | None) -> list[str]:

@@ -60,7 +60,7 @@ def report_html(reproduction: Reproduction, figures: Sequence[DrawnFigure]) -> s
             ],
         ),
         (
-            "Other choices where the paper leaves one open",
+            "Choices that the paper leaves open",
             sensitivities(reproduction.sensitivities),
         ),
         ("The trigger where nothing is learned", false_alarms(reproduction.false_alarms)),

@@ -10,11 +10,11 @@ from orchid_uav.experiments.reproduction.result import JudgedClaim
 from orchid_uav.experiments.reproduction.verdicts import Verdict
 
 
-def by_number(figures: Sequence[DrawnFigure]) -> dict[str, list[str]]:
-    """Keys of figures by the paper's figure."""
-    found: dict[str, list[str]] = {}
+def by_number(figures: Sequence[DrawnFigure]) -> dict[str, list[DrawnFigure]]:
+    """Our figures by the paper's, such as "fig4"."""
+    found: dict[str, list[DrawnFigure]] = {}
     for figure in figures:
-        found.setdefault(figure.key.partition("_")[0], []).append(figure.key)
+        found.setdefault(figure.key.partition("_")[0], []).append(figure)
     return found
 
 

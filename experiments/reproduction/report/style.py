@@ -27,10 +27,12 @@ td small, th small { color: var(--quiet); font-size: 0.86em; }
 .claims td > span, .claims td > small { display: block; }
 .claims td > .badge { display: inline-block; }
 .claims td:nth-child(3) small { margin-top: 0.25rem; }
-.claims td:nth-child(6), .claims td:nth-child(7) { white-space: nowrap; }
+.claims td:nth-child(3) { white-space: nowrap; }
+.claims td:nth-child(5), .claims td:nth-child(6), .claims td:nth-child(7) { white-space: nowrap; }
 .claim { border-top: 1px solid var(--line); margin: 0; padding: 0.45rem 0; }
 .claim > summary { font-weight: 400; } .claim[open] { padding-bottom: 1rem; }
 .claim .badge { margin: 0 0.3rem; }
+.claim caption { position: absolute; clip-path: inset(50%); }
 .wrapped { white-space: normal; min-width: 14rem; overflow-wrap: anywhere; }
 .dense table { font-size: 0.8rem; } .dense th, .dense td { padding-right: 0.7rem; }
 tr.first > * { border-top: 2px solid var(--line); }
@@ -40,7 +42,8 @@ tr.first > * { border-top: 2px solid var(--line); }
 figure { margin: 1.5rem 0 2.5rem; } figure > p, figcaption, figure details { max-width: 62rem; }
 :target { scroll-margin-top: 1rem; }
 nav ul { columns: 18rem; list-style: none; padding: 0; }
-@media (max-width: 48rem) {
+nav li { margin: 0; padding: 0.15rem 0; break-inside: avoid; }
+@media screen and (max-width: 48rem) {
   .claims .wide { overflow: visible; }
   .claims table, .claims tbody, .claims tr, .claims td, .claims caption { display: block; }
   .claims thead { position: absolute; clip-path: inset(50%); }
@@ -66,7 +69,7 @@ _PRINT = """
   thead { display: table-header-group; } caption { break-after: avoid; }
   figure { break-inside: avoid; margin: 3mm 0; } .badge { font-size: 1em; padding: 0 0.4em; }
   .picture { border: 0; padding: 0; max-width: 178mm; overflow: visible; }
-  .picture img { min-width: 0; max-height: 225mm; width: auto; max-width: 100%; margin: 0 auto; }
+  .picture img { min-width: 0; max-height: 200mm; width: auto; max-width: 100%; margin: 0 auto; }
   .wide { overflow: visible; margin: 1mm 0; }
   th, td { padding: 0.4mm 1.6mm 0.4mm 0; white-space: normal; } tbody th { position: static; }
   .claims td, .wrapped { min-width: 0 !important; }

@@ -6,13 +6,15 @@ from collections.abc import Mapping, Sequence
 from typing import get_args
 
 from orchid_uav.experiments.markup import Markup, element, joined, table
+from orchid_uav.experiments.reproduction.figures.drawn import DrawnFigure
 from orchid_uav.experiments.reproduction.report.effects import (
     badge,
     counted,
     decisive,
-    difference_text,
     finding_badge,
+    interval_text,
     least_text,
+    mean_text,
     pairs_text,
     scale_of,
     separated,
@@ -21,8 +23,8 @@ from orchid_uav.experiments.reproduction.result import Judged, JudgedClaim
 from orchid_uav.experiments.reproduction.trainings import TRAININGS
 from orchid_uav.experiments.reproduction.verdicts import Judgement, Verdict
 
-Figures = Mapping[str, Sequence[str]]
-"""Keys of the figures that were drawn, by the paper's figure, such as "fig4"."""
+Figures = Mapping[str, Sequence[DrawnFigure]]
+"""The figures that were drawn, by the paper's figure, such as "fig4"."""
 
 
 def at_a_glance(claims: Sequence[JudgedClaim], is_quick: bool) -> list[Markup]:
@@ -54,7 +56,8 @@ def at_a_glance(claims: Sequence[JudgedClaim], is_quick: bool) -> list[Markup]:
 
 def claims_table(caption: str, claims: Sequence[JudgedClaim], figures: Figures) -> Markup:
     """A line for each claim, with the comparison that its verdict hangs on."""
-    heads = ["", "Claim", "Verdict", "What decides", "Difference", "Pairs", "Figure"]
+    heads = ["", "Claim", "Verdict", "What decides", "Difference [95 % interval]", "Pairs"]
+    heads.append("Figure")
     rows = [_line(claim, figures) for claim in claims]
     return element("div", table(caption, heads, rows), class_="claims")
 
@@ -63,24 +66,26 @@ def _line(claim: JudgedClaim, figures: Figures) -> list[Markup]:
     key = claim.key.upper()
     verdict = [badge(claim.tcp.verdict)]
     if claim.uniform is not None:
-        evenly = element("small", "users spread evenly: ", badge(claim.uniform.verdict))
+        evenly = element("small", "spread evenly: ", badge(claim.uniform.verdict))
         verdict.append(evenly)
     check = decisive(claim.tcp.checks)
     says = [element("span", claim.says), element("small", claim.where)]
     shown = _link(claim.figure, figures)
-    cells = [("Claim", says), ("Verdict", verdict)]
+    cells: list[tuple[str, list[str]]] = [("Claim", [*says]), ("Verdict", [*verdict])]
     if check is None:
         cells += [("What decides", [element("span", claim.note)]), ("Difference", ["–"])]
         cells += [("Pairs", ["–"])]
     else:
         words = [
             element("span", check.what),
-            element("small", f"{scale_of(check).title}; of all: {counted(claim.tcp.checks)}"),
+            element("small", f"{scale_of(check).title}{_others(claim.tcp)}"),
         ]
-        least = least_text(check)
-        difference = [element("span", difference_text(check))]
+        least = "" if claim.tcp.verdict is None else least_text(check)
+        difference = [element("span", mean_text(check))]
+        interval = interval_text(check)
+        difference += [element("span", interval)] if interval else []
         difference += [element("small", least)] if least else []
-        cells += [("What decides", words), ("Difference", difference)]
+        cells += [("What decides", [*words]), ("Difference", [*difference])]
         cells += [("Pairs", [pairs_text(check)])]
     cells.append(("Figure", [shown]))
     return [
@@ -89,12 +94,19 @@ def _line(claim: JudgedClaim, figures: Figures) -> list[Markup]:
     ]
 
 
+def _others(judged: Judged) -> str:
+    """What all comparisons found, where there are several and findings are told."""
+    if judged.verdict is None or len(judged.checks) < 2:
+        return ""
+    return f"; of {len(judged.checks)} comparisons: {counted(judged.checks)}"
+
+
 def _link(figure: str, figures: Figures) -> Markup:
     """A link to the first of our figures for the paper's."""
     drawn = figures.get(figure, ())
     if not drawn:
         return element("span", "–")
-    return element("a", f"Fig.\u00a0{figure.removeprefix('fig')}", href=f"#{drawn[0]}")
+    return element("a", f"Fig.\u00a0{figure.removeprefix('fig')}", href=f"#{drawn[0].key}")
 
 
 def every_claim(claims: Sequence[JudgedClaim], figures: Figures) -> list[Markup]:
@@ -110,7 +122,10 @@ def _details(claim: JudgedClaim, figures: Figures) -> Markup:
     if claim.note:
         facts.append(claim.note)
     parts = [element("p", " ".join(facts), id=claim.key)]
-    links = [element("a", key, href=f"#{key}") for key in figures.get(claim.figure, ())]
+    links = [
+        element("a", figure.title, href=f"#{figure.key}")
+        for figure in figures.get(claim.figure, ())
+    ]
     if links:
         parts.append(element("p", "Figures: ", separated(links)))
     methods = _trained_methods([*claim.tcp.checks])
@@ -129,7 +144,8 @@ def _checks(caption: str, judged: Judged) -> Markup:
         *("Comparison", "Metric", "One", "Other", "Difference [95 % interval]", "Margin"),
         *("p", "Pairs", "Detectable from", "Found"),
     ]
-    rows = [_check(check) for check in judged.checks]
+    told = judged.verdict is not None
+    rows = [_check(check, told) for check in judged.checks]
     return joined(
         [
             element("p", f"{caption[0].upper()}{caption[1:]}: ", badge(judged.verdict)),
@@ -138,7 +154,8 @@ def _checks(caption: str, judged: Judged) -> Markup:
     )
 
 
-def _check(check: Judgement) -> list[str]:
+def _check(check: Judgement, told: bool) -> list[str]:
+    """A line for a comparison; a quick run does not tell what it found."""
     scale = scale_of(check)
     unit = f" ({scale.unit})" if scale.unit else ""
     p_value = "–" if check.p_holm is None else f"{check.p_holm:.3f}"
@@ -147,12 +164,12 @@ def _check(check: Judgement) -> list[str]:
         f"{scale.title}{unit}",
         scale.text(check.one),
         scale.text(check.other),
-        difference_text(check),
+        f"{mean_text(check)} {interval_text(check)}".strip(),
         scale.text(check.margin),
         "<\u00a00.001" if p_value == "0.000" else p_value,
         pairs_text(check),
         scale.text(check.least_detectable_effect),
-        element("td", finding_badge(check.finding)),
+        element("td", finding_badge(check.finding) if told else "–"),
     ]
 
 

@@ -4,7 +4,6 @@ import dataclasses
 import functools
 import itertools
 import re
-from html.parser import HTMLParser
 
 import numpy as np
 import pytest
@@ -12,9 +11,9 @@ import pytest
 from orchid_uav.envs.plans.network import NOBODY
 from orchid_uav.experiments.planning.maps.report import report_html
 from orchid_uav.experiments.planning.site import Place
+from tests.helpers.pages import HOSTILE, Page
 from tests.helpers.plans import make_plan
 
-VOID = {"meta", "input", "br"}
 PLANS = {
     "usual": {},
     "one person": {"drones": 1, "rows": 1, "masts": 0, "zone": False, "ways": False, "want": None},
@@ -27,38 +26,6 @@ PLANS = {
     "nothing more": {"launches": [], "notes": [], "fleet_sizes": []},
     "large": {"drones": 100, "rows": 20_000, "across_m": 9000.0, "greatest_weight": 1},
 }
-HOSTILE = '</script><script>alert(1)</script><b onclick="x">&amp;\U0001f681\u202eabc\x00\ud800\'"'
-
-
-class Page(HTMLParser):
-    """Elements with their attributes, and texts, of a page that is nested well."""
-
-    def __init__(self, text):
-        super().__init__()
-        self.elements, self.texts, self.open = [], [], []
-        self.feed(text)
-        self.close()
-        assert not self.open
-
-    def handle_starttag(self, tag, attributes):
-        assert len(dict(attributes)) == len(attributes), f"an attribute of {tag} comes twice"
-        self.elements.append((tag, dict(attributes)))
-        if tag not in VOID:
-            self.open.append(tag)
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
-
-    def handle_data(self, data):
-        if self.open and self.open[-1] != "style":
-            self.texts.append(data)
-
-    def all(self, tag):
-        return [attributes for name, attributes in self.elements if name == tag]
-
-    @property
-    def text(self):
-        return "".join(self.texts)
 
 
 @functools.cache
