@@ -39,7 +39,7 @@ test-lowest test-newest: test-%:
 	.venv-$*/bin/python -m pytest -n $(JOBS) -W ignore::DeprecationWarning
 
 test-ray: install .venv-ray/.installed  ## run the tests that need Ray, with real clusters on this machine
-	.venv-ray/bin/python -m pytest tests/experiments/test_ray_cluster.py
+	.venv-ray/bin/python -m pytest tests/experiments/jobs/test_ray_cluster.py
 
 lint: install  ## ruff and mypy
 	$(BIN)/ruff check .

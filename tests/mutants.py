@@ -310,21 +310,21 @@ MUTANTS = [
         "experiments/jobs/executor.py",
         "_MOST_KILLS = 2",
         "_MOST_KILLS = 1",
-        "experiments/test_jobs.py",
+        "experiments/jobs/test_jobs.py",
     ),
     Mutant(
         "runs that are lost with their machine",
         "experiments/jobs/executor.py",
         "was_lost and self._losses[index] <= self.place.most_losses",
         "was_lost and self._losses[index] <= 0",
-        "experiments/test_ray_cluster.py",
+        "experiments/jobs/test_ray_cluster.py",
     ),
     Mutant(
         "a cluster that is joined by accident",
         "experiments/jobs/ray_cluster.py",
         "if address != AUTO:",
         "if address == AUTO:",
-        "experiments/test_ray_cluster.py",
+        "experiments/jobs/test_ray_cluster.py",
     ),
 ]
 

@@ -22,7 +22,7 @@ pytestmark = [
     pytest.mark.usefixtures("plain_environment", "torch_as_before"),
 ]
 
-SCRIPTS = Path(__file__).parents[2] / "examples" / "slurm"
+SCRIPTS = Path(__file__).parents[3] / "examples" / "slurm"
 GIVE_UP_AFTER_S = 300.0
 
 SRUN = """#!/bin/sh
