@@ -38,8 +38,8 @@ test-trackers: .venv-trackers/.installed  ## runs in a real MLflow, trackio and 
 test-lowest test-newest: test-%:
 	.venv-$*/bin/python -m pytest -n $(JOBS) -W ignore::DeprecationWarning
 
-test-ray: install .venv-ray/.installed  ## run the tests that need Ray, with real clusters on this machine
-	.venv-ray/bin/python -m pytest tests/experiments/jobs/test_ray_cluster.py
+test-ray: install .venv-ray/.installed  ## run the tests of clusters, with real ones of Ray on this machine; some minutes
+	CLUSTER_TESTS=1 .venv-ray/bin/python -m pytest tests/experiments/jobs/test_ray_cluster.py tests/experiments/jobs/test_slurm_scripts.py
 
 lint: install  ## ruff and mypy
 	$(BIN)/ruff check .

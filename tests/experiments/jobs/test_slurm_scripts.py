@@ -121,6 +121,7 @@ def test_a_study_stops_before_the_limit_and_its_next_job_goes_on(sbatch, tmp_pat
         assert learned_files(path) == learned_files(whole.path)
 
 
+@pytest.mark.skipif("CLUSTER_TESTS" not in os.environ, reason="slow: make test-ray")
 def test_an_array_trains_the_runs_that_the_study_then_finds(sbatch, tmp_path):
     # The script trains the paper's run; this `orchid` makes it a tiny one.
     tiny = [*TINY_FLAGS, "--set=checkpoint.every_episodes=5"]
