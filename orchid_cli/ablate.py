@@ -129,7 +129,6 @@ def ablate(
     does not train finished seeds again. Seeds and variants can be added to a study in the same way.
 
     Example: orchid ablate --no-rf --kappa 0.1,0.3 --seeds 0..4 --jobs 2
-    Example: orchid ablate --no-rf --ray auto --out /shared/no-rf
     """
     with failing_well(debug):
         show_on_stderr(with_notes=not quiet)

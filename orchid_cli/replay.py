@@ -163,7 +163,7 @@ def replay(
     Two methods fly side by side over the same people, on a topology that no policy was trained on.
     The world is that of the first run, or the paper's. A plan is shown as orchid plan made it.
 
-    Example: orchid replay --methods orchid-distilled,balanced-loiter --speeds 15 -o flight.html
+    Example: orchid replay --methods track,best-response --speeds 15 -o a.html
     """
     with failing_well(debug):
         show_on_stderr(with_notes=not quiet)

@@ -21,7 +21,7 @@ from orchid_uav.experiments.reproduction.settings import (
     flown_by,
 )
 from orchid_uav.experiments.reproduction.trainings import SEEDS, TRAININGS
-from orchid_uav.experiments.training.job import PATIENCE_S, TrainingJob, run_as_job, run_one
+from orchid_uav.experiments.training.job import PATIENCE_S, TrainingJob, done, leave, run_one
 from orchid_uav.storage.files import read_document, write_json
 
 HOVERING = {"static-mmf": "orchid", "static-pf": "maddpg-pf"}
@@ -181,4 +181,4 @@ def _measured(job: RowJob, training: TrainingJob | None, stop: Callable[[], bool
 
 
 if __name__ == "__main__":
-    run_as_job(lambda order: make_row(RowJob.read(order)))
+    leave(done(lambda order: make_row(RowJob.read(order))))

@@ -230,8 +230,13 @@ def _stop_with_parent() -> None:
     threading.Thread(target=wait, daemon=True).start()
 
 
-def run_as_job(work: Callable[[Path], int]) -> NoReturn:
-    """Do what the file named on the command line orders, as a process of its own, and exit.
+def main() -> int:
+    """Run the job whose file is named on the command line."""
+    return done(lambda order: run_one(TrainingJob.read(order), patience_s=PATIENCE_S))
+
+
+def done(work: Callable[[Path], int]) -> int:
+    """Do what the file named on the command line orders, and return the exit code.
 
     Args:
         work: given the file's path; returns the exit code.
@@ -241,16 +246,20 @@ def run_as_job(work: Callable[[Path], int]) -> NoReturn:
         _stop_with_parent()
     with lasting_output(), interruption_requests():
         try:
-            code = work(Path(sys.argv[1]))
+            return work(Path(sys.argv[1]))
         except (InputError, RunFailedError) as error:
             print(f"error: {error}", file=sys.stderr)
-            code = 1
+            return 1
         except KeyboardInterrupt:
-            code = INTERRUPTED_CODE
+            return INTERRUPTED_CODE
+
+
+def leave(code: int) -> NoReturn:
+    """End the process of a job."""
     ignore_signals()
     gc.freeze()  # see __main__.py
     sys.exit(code)
 
 
 if __name__ == "__main__":
-    run_as_job(lambda order: run_one(TrainingJob.read(order), patience_s=PATIENCE_S))
+    leave(main())

@@ -194,4 +194,4 @@ def make_reproduction(
             "host": {"system": "Linux x86_64", "processor": "Test processor", "cores": 2},
         }
     )
-    return reproduction(header, rows, missing, 20 if is_quick else 100, is_quick)
+    return reproduction(header, rows, missing, is_quick)
