@@ -33,6 +33,8 @@ RULES = (
 """Rules that are flown beside the trained methods."""
 _MINUTES_PER_CASE = {"direct": 0.05, "station": 0.15}
 """Of one core, for a policy's flights in one setting."""
+_QUICK_SHARE = 0.03
+"""Of a rule's flights, what a quick run flies of them."""
 _TRAINED_SHARE = 0.75
 """Rough share of a job's time that goes into the training."""
 
@@ -64,7 +66,8 @@ class RowJob:
     def minutes(self) -> float:
         """Minutes of one core that it takes, roughly."""
         if self.seed is None:
-            return 4.0 if self.method == "best-response" else 0.5
+            minutes = 10.0 if self.method == "best-response" else 1.0
+            return minutes * _QUICK_SHARE if self.is_quick else minutes
         return TRAININGS[self.method].minutes if self.method in TRAININGS else 0.2
 
     @property
