@@ -12,7 +12,7 @@ from orchid_uav.experiments.jobs.executor import Executor, JobEnd, JobProgress
 from orchid_uav.experiments.jobs.workload import last_end
 from orchid_uav.experiments.reproduction.figures.all_figures import draw_figures
 from orchid_uav.experiments.reproduction.job import HOVERING, RULES, RowJob
-from orchid_uav.experiments.reproduction.needs import FIGURES, needed_for
+from orchid_uav.experiments.reproduction.needs import figures_for, needed_for
 from orchid_uav.experiments.reproduction.report.page import report_html
 from orchid_uav.experiments.reproduction.result import Reproduction, reproduction
 from orchid_uav.experiments.reproduction.rows import Row, read_rows
@@ -136,9 +136,7 @@ class Campaign:
         rows = list(read_rows(self.rows))
         document = self.gathered(command, status, rows)
         try:
-            drawn = draw_figures(rows, self.directory / FIGURES_FOLDER)
-            if self.only and not set(self.only).isdisjoint(FIGURES):
-                drawn = [figure for figure in drawn if figure.key.split("_")[0] in self.only]
+            drawn = draw_figures(rows, self.directory / FIGURES_FOLDER, figures_for(self.only))
             page = report_html(document, drawn)
             write_atomically(self.directory / REPORT_FILE, page.encode())
             self._write(document)

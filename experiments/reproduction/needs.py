@@ -48,6 +48,12 @@ def chosen(claims: Iterable[Claim], only: Sequence[str]) -> list[Claim]:
     return [claim for claim in claims if not only or claim.key in only]
 
 
+def figures_for(only: Sequence[str]) -> set[str]:
+    """The paper's figures among those asked for, and those that show the claims asked for."""
+    shown = {claim.figure for claim in chosen((*CLAIMS, *QUESTIONS), only)}
+    return {key for key in FIGURES if not only or key in only or key in shown}
+
+
 def _methods_of(claim: Claim) -> set[str]:
     """The methods that a claim's checks ask for."""
     evidence = Evidence([])

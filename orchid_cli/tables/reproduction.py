@@ -3,9 +3,13 @@
 from rich.console import Console
 
 from orchid_uav.cli.console import print_line, print_table, print_text
-from orchid_uav.experiments.metrics import METRICS
+from orchid_uav.experiments.reproduction.report.effects import (
+    decisive,
+    interval_text,
+    mean_text,
+    pairs_text,
+)
 from orchid_uav.experiments.reproduction.result import JudgedClaim, Reproduction
-from orchid_uav.experiments.reproduction.verdicts import Judgement
 
 
 def print_reproduction(out: Console, document: Reproduction) -> None:
@@ -15,7 +19,7 @@ def print_reproduction(out: Console, document: Reproduction) -> None:
     for claims in (document.claims, document.questions):
         if claims:
             print_line(out, "")
-            heads = ["", "claim", "verdict", "uniform users", "first comparison", "seeds"]
+            heads = ["", "claim", "verdict", "uniform users", "what decides", "pairs"]
             print_table(out, heads, [_row(claim) for claim in claims])
     if document.missing:
         print_text(out, f"{document.missing} rows are missing: claims that need them are undecided")
@@ -23,25 +27,12 @@ def print_reproduction(out: Console, document: Reproduction) -> None:
 
 def _row(claim: JudgedClaim) -> list[str]:
     uniform = claim.uniform.verdict if claim.uniform else None
-    first = claim.tcp.checks[0] if claim.tcp.checks else None
+    check = decisive(claim.tcp.checks)
     return [
         claim.key,
         claim.says,
         claim.tcp.verdict or "not evidence",
         uniform or "–",
-        effect_text(first) if first else "–",
-        f"{min(check.n for check in claim.tcp.checks)}" if first else "–",
+        f"{mean_text(check)} {interval_text(check)}".strip() if check else "–",
+        pairs_text(check) if check else "–",
     ]
-
-
-def effect_text(check: Judgement) -> str:
-    """The difference with its interval, as it is shown."""
-    if check.difference is None:
-        return "not measured"
-    metric = METRICS.get(check.metric)
-    scale, digits = (metric.scale, metric.digits + 1) if metric else (1.0, 2)
-    text = f"{check.difference * scale:+.{digits}f}"
-    if check.ci95:
-        low, high = (end * scale for end in check.ci95)
-        text += f" [{low:+.{digits}f}, {high:+.{digits}f}]"
-    return text

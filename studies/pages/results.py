@@ -3,8 +3,13 @@
 from functools import cache
 
 from orchid_uav.experiments.evaluation.directory import header_of
-from orchid_uav.experiments.metrics import METRICS
 from orchid_uav.experiments.reproduction.campaign import Campaign
+from orchid_uav.experiments.reproduction.report.effects import (
+    interval_text,
+    least_text,
+    mean_text,
+    scale_of,
+)
 from orchid_uav.experiments.reproduction.result import JudgedClaim, Reproduction, reproduction
 from orchid_uav.experiments.reproduction.rows import read_rows
 from orchid_uav.experiments.reproduction.trainings import SEEDS, TRAININGS
@@ -69,18 +74,10 @@ def _row(claim: JudgedClaim) -> list[str]:
 
 
 def _told(check: Judgement) -> str:
-    metric = METRICS.get(check.metric)
-    scale, digits = (metric.scale, metric.digits + 1) if metric else (1.0, 2)
-    name = metric.heading if metric else "decimal logarithm"
-    assert check.difference is not None
-    text = f"{check.what}, {name}: {check.difference * scale:+.{digits}f}"
-    if check.ci95:
-        low, high = (end * scale for end in check.ci95)
-        text += f" [{low:+.{digits}f}, {high:+.{digits}f}]"
-    least = check.least_detectable_effect
-    if check.finding == "undecided" and least is not None:
-        text += f", least detectable {least * scale:.{digits}f}"
-    return f"{text}: {check.finding}"
+    parts = [f"{check.what}, {scale_of(check).title}: {mean_text(check)}", interval_text(check)]
+    if least := least_text(check):
+        parts.append(f"({least})")
+    return f"{' '.join(filter(None, parts))}: {check.finding}"
 
 
 RESULTS_BLOCKS = {

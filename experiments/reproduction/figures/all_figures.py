@@ -1,6 +1,6 @@
 """Every figure of a reproduction, as far as there are rows for it."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 
 from orchid_uav.experiments.reproduction import settings
@@ -8,6 +8,7 @@ from orchid_uav.experiments.reproduction.figures.convergence import Convergence,
 from orchid_uav.experiments.reproduction.figures.drawn import DISTRIBUTION_WORDS, DrawnFigure
 from orchid_uav.experiments.reproduction.figures.scaling import Axis, draw_scaling
 from orchid_uav.experiments.reproduction.figures.strategy import draw_strategy
+from orchid_uav.experiments.reproduction.needs import FIGURES
 from orchid_uav.experiments.reproduction.rows import Row
 from orchid_uav.experiments.reproduction.settings import Case
 from orchid_uav.experiments.reproduction.trainings import QUICK_SEEDS, SEEDS
@@ -32,26 +33,32 @@ TRAINED = (
 """Fig. 3 and Fig. 7."""
 
 
-def draw_figures(rows: Sequence[Row], folder: Path) -> list[DrawnFigure]:
+def draw_figures(
+    rows: Sequence[Row], folder: Path, wanted: Collection[str] = tuple(FIGURES)
+) -> list[DrawnFigure]:
     """Draw all figures for which there are rows, in the order of the paper.
 
     Args:
         rows: of methods and rules, in any number.
         folder: for the SVG files; it is made if it is missing.
+        wanted: the paper's figures that are drawn, such as "fig4".
 
     Raises:
         OSError: a file cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
     seeds = len(QUICK_SEEDS if any(row.is_quick for row in rows) else SEEDS)
-    in_training = [draw_convergence(wanted, rows, seeds, folder) for wanted in TRAINED]
     drawn = [
-        *in_training[:2],
-        *(draw_scaling(axis, rows, seeds, folder) for axis in axes()),
-        in_training[2],
-        draw_strategy(rows, seeds, folder),
+        *(draw_convergence(one, rows, seeds, folder) for one in TRAINED if _of(one.key) in wanted),
+        *(draw_scaling(one, rows, seeds, folder) for one in axes() if _of(one.key) in wanted),
+        *([draw_strategy(rows, seeds, folder)] if "fig8" in wanted else []),
     ]
-    return [figure for figure in drawn if figure is not None]
+    return sorted((figure for figure in drawn if figure is not None), key=lambda one: _of(one.key))
+
+
+def _of(key: str) -> str:
+    """The paper's figure that one of ours belongs to."""
+    return key.partition("_")[0]
 
 
 def axes() -> Iterator[Axis]:

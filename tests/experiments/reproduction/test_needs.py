@@ -5,7 +5,12 @@ import pytest
 from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.reproduction.claims import CLAIMS, QUESTIONS
 from orchid_uav.experiments.reproduction.job import HOVERING, RULES
-from orchid_uav.experiments.reproduction.needs import FIGURES, chosen, needed_for
+from orchid_uav.experiments.reproduction.needs import (
+    FIGURES,
+    chosen,
+    figures_for,
+    needed_for,
+)
 from orchid_uav.experiments.reproduction.trainings import TRAININGS
 
 EVERYTHING = {*TRAININGS, *RULES}
@@ -55,3 +60,9 @@ def test_what_is_unknown_is_refused_with_the_nearest_name():
 def test_claims_can_be_chosen():
     assert [claim.key for claim in chosen(CLAIMS, ["c4", "fig5"])] == ["c4"]
     assert chosen(CLAIMS, []) == list(CLAIMS)
+
+
+def test_figures_are_those_asked_for_and_those_of_the_claims():
+    assert figures_for([]) == {*FIGURES}
+    assert figures_for(["fig5", "c4", "c29"]) == {"fig5", "fig3"}
+    assert figures_for(["c29"]) == set()
