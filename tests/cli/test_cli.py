@@ -299,12 +299,11 @@ class TestWrongUsage:
     )
     def test_an_empty_value_is_no_default(self, orchid, tmp_path, monkeypatch, words, option):
         monkeypatch.chdir(tmp_path)
-        required = [
-            word
-            for parameter in COMMANDS[words]
-            if parameter.required and option not in parameter.opts
-            for word in ([parameter.opts[0]] if parameter.opts[0].startswith("-") else []) + ["x"]
-        ]
+        required = []
+        for parameter in COMMANDS[words]:
+            name = parameter.opts[0]
+            if parameter.required and name != option:
+                required.append(f"{name}=x" if name.startswith("--") else "x")
         for value in ([option, ""], [f"{option}="], [option, " "]):
             assert_is_an_error(orchid(*words, *required, *value), option)
         assert list(tmp_path.iterdir()) == []
