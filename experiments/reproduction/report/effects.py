@@ -101,7 +101,7 @@ def least_text(check: Judgement) -> str:
 
 def pairs_text(check: Judgement) -> str:
     """Complete pairs of those that there should be."""
-    return f"{check.n} of {check.units}"
+    return f"{check.n} of {check.units}".replace(" ", UNBREAKABLE)
 
 
 def decisive(checks: Sequence[Judgement]) -> Judgement | None:

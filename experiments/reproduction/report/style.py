@@ -65,8 +65,8 @@ _PRINT = """
   p, ul, dl, figcaption, figure > p, figure details { max-width: none; margin: 1mm 0; }
   nav { display: none; } a { color: inherit; text-decoration: none; }
   .quiet, figcaption, table, .glossary { font-size: 7.2pt; }
-  tr, .tiles div, .banner, .glossary dd { break-inside: avoid; }
-  thead { display: table-header-group; } caption { break-after: avoid; }
+  tr, .tiles div, .banner, .glossary dd, .claim, .claim .wide { break-inside: avoid; }
+  thead { display: table-header-group; break-after: avoid; } caption { break-after: avoid; }
   figure { break-inside: avoid; margin: 3mm 0; } .badge { font-size: 1em; padding: 0 0.4em; }
   .picture { border: 0; padding: 0; max-width: 178mm; overflow: visible; }
   .picture img { min-width: 0; max-height: 200mm; width: auto; max-width: 100%; margin: 0 auto; }
@@ -77,7 +77,8 @@ _PRINT = """
   .dense table { font-size: 6.2pt; } .dense th, .dense td { padding-right: 1mm; }
   .tiles { gap: 2mm; } .tiles div { padding: 1mm 2mm; } .tiles dd { font-size: 12pt; }
   details::details-content { content-visibility: visible; display: block; height: auto; }
-  summary { list-style: none; } .claim > summary { break-after: avoid; }
+  .claim table { width: 100%; } summary { list-style: none; }
+  .claim > summary { break-after: avoid; }
   code { font-size: 0.92em; padding: 0 0.2em; }
 }
 """

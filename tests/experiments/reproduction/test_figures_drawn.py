@@ -29,6 +29,13 @@ def rows():
     return [row for row in some if row.method != "static-mmf"]
 
 
+@pytest.fixture(scope="module")
+def long():
+    """Both objectives with two seeds, and one of the two ways of hovering."""
+    own = list(make_rows(["orchid-long", "orchid-pf"], SEEDS[:2], ["static-mmf"]))
+    return [row for row in own if row.method != "static-pf"]
+
+
 def texts_of(path):
     return "".join(ET.parse(path).getroot().itertext())
 
@@ -160,11 +167,6 @@ class TestMethodsOverAnAxis:
 
 
 class TestBothObjectives:
-    @pytest.fixture(scope="class")
-    def long(self):
-        own = list(make_rows(["orchid-long", "orchid-pf"], SEEDS[:2], ["static-mmf"]))
-        return [row for row in own if row.method != "static-pf"]
-
     def test_figure_shows_every_topology_of_every_seed(self, long, tmp_path):
         figure = draw_strategy(long, 10, tmp_path)
         assert "Missing: static-pf. Fewer than 10 seeds: orchid-long 2, orchid-pf 2." in (
