@@ -37,8 +37,6 @@ _QUESTIONS = {
     "boundary_violations": "Do UAVs try to leave the area?",
     "backhaul_violations": "Do UAVs lose their link to the ground station?",
     "nearest_uav_m": "How far apart are the UAVs?",
-    "displacement_m": "How far do UAVs move from where they began?",
-    "user_snr_db": "How strong is the signal of the users?",
     "gbs_rate_bps": "What do the users of the ground station get?",
     "gbs_coverage": "Are the users of the ground station served?",
     "blocking_pairs": "Would users and UAVs rather change partners?",
