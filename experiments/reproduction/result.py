@@ -132,15 +132,15 @@ def judged(claim: Claim, evidence: Evidence, is_quick: bool) -> JudgedClaim:
         verdict = verdict_of([one.finding for one in found]) if is_complete else "undecided"
         return Judged(verdict=None if is_quick else verdict, checks=found)
 
-    tcp, uniform = (of(distribution) for distribution in DISTRIBUTIONS)
+    tcp, uniform = DISTRIBUTIONS
     return JudgedClaim(
         key=claim.key,
         says=claim.says,
         where=claim.where,
         figure=claim.figure,
         note=claim.note,
-        tcp=tcp,
-        uniform=uniform if claim.by_distribution else None,
+        tcp=of(tcp),
+        uniform=of(uniform) if claim.by_distribution else None,
     )
 
 
