@@ -17,6 +17,7 @@ from orchid_uav.experiments.provenance import (
     git_commit,
 )
 from orchid_uav.experiments.statistics.results import EvaluationSummary
+from orchid_uav.storage.documents import rounded
 from orchid_uav.storage.files import write_atomically
 
 SCHEMA = 1
@@ -87,21 +88,10 @@ DIGITS = 6
 
 def write_result(path: Path, document: dict[str, Any], beginnings: Sequence[str]) -> None:
     """Write compact JSON with a line for each of the ``beginnings``, for readable diffs."""
-    text = json.dumps(rounded(document), ensure_ascii=False, separators=(",", ":"))
+    text = json.dumps(rounded(document, DIGITS), ensure_ascii=False, separators=(",", ":"))
     for beginning in beginnings:
         text = text.replace(beginning, f"\n{beginning}")
     write_atomically(path, (text + "\n").encode())
-
-
-def rounded(value: Any) -> Any:
-    """A document with its fractional numbers rounded."""
-    if isinstance(value, float):
-        return float(f"{value:.{DIGITS}g}")
-    if isinstance(value, list):
-        return [rounded(one) for one in value]
-    if isinstance(value, dict):
-        return {key: rounded(one) for key, one in value.items()}
-    return value
 
 
 class StudySummary(EvaluationSummary):

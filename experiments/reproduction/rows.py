@@ -2,15 +2,14 @@
 
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 from pydantic import Field, JsonValue
 
 from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.reproduction.settings import Case
-from orchid_uav.storage.documents import Document
+from orchid_uav.storage.documents import Document, rounded
 from orchid_uav.storage.files import read_document, write_atomically
 
 SCHEMA = 1
@@ -107,20 +106,10 @@ def write_row(folder: Path, row: Row) -> None:
     """Write a row in one step, with numbers of five digits and a line for each flight."""
     path = row_path(folder, row.method, row.seed)
     path.parent.mkdir(parents=True, exist_ok=True)
-    text = json.dumps(_rounded(row.to_json()), ensure_ascii=False, separators=(",", ":"))
+    text = json.dumps(rounded(row.to_json(), _DIGITS), ensure_ascii=False, separators=(",", ":"))
     for beginning in ('{"distribution":', '"curve":', '"evaluations":', '"update_variances":'):
         text = text.replace(beginning, f"\n{beginning}")
     write_atomically(path, (text + "\n").encode())
-
-
-def _rounded(value: Any) -> Any:
-    if isinstance(value, float):
-        return float(f"{value:.{_DIGITS}g}")
-    if isinstance(value, list):
-        return [_rounded(one) for one in value]
-    if isinstance(value, Mapping):
-        return {key: _rounded(one) for key, one in value.items()}
-    return value
 
 
 def read_row(path: Path) -> Row:

@@ -33,6 +33,17 @@ class Document(BaseModel):
         return self.model_dump(by_alias=True, exclude_unset=True)
 
 
+def rounded(value: Any, digits: int) -> Any:
+    """A JSON document with its fractional numbers rounded to so many significant digits."""
+    if isinstance(value, float):
+        return float(f"{value:.{digits}g}")
+    if isinstance(value, list):
+        return [rounded(one, digits) for one in value]
+    if isinstance(value, dict):
+        return {key: rounded(one, digits) for key, one in value.items()}
+    return value
+
+
 def _first_complaint(error: ValidationError) -> str:
     first = error.errors(include_url=False)[0]
     key = ".".join(map(str, first["loc"]))
