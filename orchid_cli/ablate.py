@@ -254,7 +254,7 @@ def _costs(
 ) -> dict[str, float]:
     """Estimate how long a run of each variant takes, in seconds."""
     from orchid_uav.experiments.ablation.calibration import seconds_per_episode
-    from orchid_uav.experiments.jobs.workload import last_end
+    from orchid_uav.experiments.jobs.workload import hours_text
 
     if not quiet:
         print_line(shown, "measuring how long a run takes ...")
@@ -268,8 +268,7 @@ def _costs(
                 print_warning(f"{name} is likely to fail: {error}")
                 costs[name] = 1.0
     if not quiet:
-        minutes = last_end([costs[name] for name in names], [0.0] * processes) / 60
-        text = f"{minutes / 60:.1f} hours" if minutes >= 60 else f"{math.ceil(minutes)} min"
+        text = hours_text([costs[name] / 60.0 for name in names], processes)
         print_line(
             shown,
             f"about {text} with {processes} at once, if parallel runs are as fast as a single one",

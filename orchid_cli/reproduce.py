@@ -174,16 +174,16 @@ def _print_plan(
 ) -> None:
     """Print what will be made, and how long it takes."""
     from orchid_uav.cli.console import print_table
-    from orchid_uav.experiments.reproduction.campaign import duration_text
+    from orchid_uav.experiments.jobs.workload import hours_text
 
     waiting = campaign.waiting()
     methods = list(dict.fromkeys(job.method for job in waiting))
     rows = []
     for method in methods:
         own = [minutes[job.name] for job in waiting if job.method == method]
-        rows.append([method, f"{len(own)}", duration_text(own, 1)])
+        rows.append([method, f"{len(own)}", hours_text(own, 1)])
     print_table(shown, ["method", "rows", "of one core"], rows)
-    total = duration_text(list(minutes.values()), processes)
+    total = hours_text(list(minutes.values()), processes)
     print_line(
         shown,
         f"about {total} with {processes} at once, if parallel runs are as fast as a single one",

@@ -2,9 +2,14 @@
 
 import heapq
 import math
-from collections.abc import Callable, Iterable, Sequence
+import os
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+
+from orchid_uav.storage.files import write_json
 
 _FIRST_ESTIMATE = 0.1
 """Share of an average job; less finished work does not show the pace."""
@@ -34,6 +39,51 @@ class Job:
             raise ValueError(f"job '{self.name}' costs {self.cost}: give a positive finite number")
 
 
+def job_from_order(
+    name: str,
+    module: str,
+    order: Mapping[str, Any],
+    folder: Path,
+    fraction_done: Callable[[], float],
+    cost: float,
+) -> Job:
+    """Write an order down, and describe the process that carries it out.
+
+    Args:
+        name: of the job; the order and the log are called so.
+        module: the process is ``python -m module ORDER``.
+        order: a JSON object; a path in it is written relative to ``folder``, since a folder above
+            may have a name that is not valid text for JSON.
+        folder: where order and log are kept.
+        fraction_done: see :class:`Job`.
+        cost: see :class:`Job`.
+    """
+    folder = folder.absolute()  # the process may run on another machine
+    path = folder / f"{name}.json"
+    write_json(
+        path,
+        {
+            key: os.path.relpath(value.resolve(), folder.resolve())
+            if isinstance(value, Path)
+            else value
+            for key, value in order.items()
+        },
+    )
+    return Job(
+        name=name,
+        # -P: a statistics.py in the user's working directory must not replace the library's.
+        command=(sys.executable, "-P", "-m", module, str(path)),
+        log=folder / f"{name}.log",
+        fraction_done=fraction_done,
+        cost=cost,
+    )
+
+
+def path_in_order(path: str, order: Path) -> Path:
+    """A path that :func:`job_from_order` has written into the file ``order``."""
+    return (order.parent / path).resolve()
+
+
 def last_end(waiting: Iterable[float], busy: Sequence[float]) -> float:
     """The time until the last job ends if each goes to the process that is free first.
 
@@ -47,6 +97,12 @@ def last_end(waiting: Iterable[float], busy: Sequence[float]) -> float:
     for cost in waiting:
         heapq.heapreplace(free, free[0] + cost)
     return max(free)
+
+
+def hours_text(minutes: Sequence[float], processes: int) -> str:
+    """How long jobs take with so many of them at once, in words: ``40 min`` or ``3.5 hours``."""
+    total = last_end(minutes, [0.0] * processes) if minutes else 0.0
+    return f"{total / 60.0:.1f} hours" if total >= 60.0 else f"{math.ceil(total)} min"
 
 
 class Workload:

@@ -1,6 +1,5 @@
 """A reproduction in its directory: which rows are missing, making them, and what they say."""
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,7 +8,6 @@ from orchid_uav.experiments.ablation.calibration import seconds_per_episode
 from orchid_uav.experiments.errors import InputError, RunFailedError
 from orchid_uav.experiments.evaluation.directory import header_of
 from orchid_uav.experiments.jobs.executor import Executor, JobEnd, JobProgress
-from orchid_uav.experiments.jobs.workload import last_end
 from orchid_uav.experiments.reproduction.figures.all_figures import draw_figures
 from orchid_uav.experiments.reproduction.job import HOVERING, RULES, RowJob
 from orchid_uav.experiments.reproduction.needs import figures_for, needed_for
@@ -173,9 +171,3 @@ def measured_minutes(jobs: Sequence[RowJob]) -> dict[str, float]:
         trained_s = paces[kind] * config.training.episodes
         minutes[job.name] = trained_s / 60.0 + job.minutes_flown
     return minutes
-
-
-def duration_text(minutes: Sequence[float], processes: int) -> str:
-    """How long jobs take with so many of them at once, in words."""
-    total = last_end(minutes, [0.0] * processes) if minutes else 0.0
-    return f"{total / 60.0:.1f} hours" if total >= 60.0 else f"{math.ceil(total)} min"

@@ -77,6 +77,7 @@ def _beside(
         margin,
         _flown(one, metric, cases, statistic),
         _flown(other, metric, cases, statistic),
+        is_relative=statistic == "cv",
     )
 
 

@@ -3,16 +3,14 @@
 Other processes start it as ``python -m orchid_uav.experiments.reproduction.job FILE``.
 """
 
-import os
 import shutil
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.interruption import interruption_requests
-from orchid_uav.experiments.jobs.workload import Job
+from orchid_uav.experiments.jobs.workload import Job, job_from_order, path_in_order
 from orchid_uav.experiments.reproduction.rows import Row, row_path, write_row
 from orchid_uav.experiments.reproduction.settings import (
     QUICK_CASES,
@@ -22,8 +20,9 @@ from orchid_uav.experiments.reproduction.settings import (
 )
 from orchid_uav.experiments.reproduction.trainings import SEEDS, TRAININGS
 from orchid_uav.experiments.training.job import PATIENCE_S, TrainingJob, done, leave, run_one
-from orchid_uav.storage.files import read_document, write_json
+from orchid_uav.storage.files import read_document
 
+_MODULE = "orchid_uav.experiments.reproduction.job"
 HOVERING = {"static-mmf": "orchid", "static-pf": "maddpg-pf"}
 """Rules whose curve stands beside those of trainings, and the training whose reward they share."""
 RULES = (
@@ -90,28 +89,14 @@ class RowJob:
 
     def as_job(self, folder: Path, cost: float) -> Job:
         """Describe the process that makes the row; its order and log are kept in ``folder``."""
-        order = folder / f"{self.name}.json"
-        write_json(
-            order,
-            {
-                "method": self.method,
-                "seed": self.seed,
-                # Not absolute: a folder above may have a name that is not valid text for JSON.
-                "rows": os.path.relpath(self.rows.resolve(), folder.resolve()),
-                "runs": os.path.relpath(self.runs.resolve(), folder.resolve()),
-                "is_quick": self.is_quick,
-            },
-        )
-        return Job(
-            name=self.name,
-            command=(
-                *(sys.executable, "-P", "-m", "orchid_uav.experiments.reproduction.job"),
-                str(order),
-            ),
-            log=folder / f"{self.name}.log",
-            fraction_done=self._fraction_done(),
-            cost=cost,
-        )
+        order = {
+            "method": self.method,
+            "seed": self.seed,
+            "rows": self.rows,
+            "runs": self.runs,
+            "is_quick": self.is_quick,
+        }
+        return job_from_order(self.name, _MODULE, order, folder, self._fraction_done(), cost)
 
     def _fraction_done(self) -> Callable[[], float]:
         training = self.training_job()
@@ -131,7 +116,7 @@ class RowJob:
         """
         try:
             document = read_document(order)
-            rows, runs = ((order.parent / document[name]).resolve() for name in ("rows", "runs"))
+            rows, runs = (path_in_order(document[name], order) for name in ("rows", "runs"))
             return cls(document["method"], document["seed"], rows, runs, document["is_quick"])
         except (OSError, ValueError, LookupError, TypeError) as error:
             raise InputError(f"{order} is not the order of a row: {error}") from error

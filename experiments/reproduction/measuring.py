@@ -59,13 +59,17 @@ Stop = Callable[[], bool]
 
 def watchers(config: RunConfig) -> list[EpisodeCallback]:
     """What watches a training: the deterministic policy on the way, and MAPPO's steps."""
-    thousands = math.ceil(config.training.episodes / 1000)
     watching: list[EpisodeCallback] = [
-        Periodic(EVALUATED_EVERY * thousands, partial(_evaluated, config))
+        Periodic(evaluated_every(config), partial(_evaluated, config))
     ]
     if config.training.algorithm == "mappo":
         watching.append(UpdateVariance())
     return watching
+
+
+def evaluated_every(config: RunConfig) -> int:
+    """Episodes from one deterministic evaluation to the next."""
+    return EVALUATED_EVERY * math.ceil(config.training.episodes / 1000)
 
 
 def _evaluated(config: RunConfig, model: BaseAlgorithm, episodes: int) -> dict[str, float]:
@@ -73,6 +77,12 @@ def _evaluated(config: RunConfig, model: BaseAlgorithm, episodes: int) -> dict[s
     learner = cast(Any, model)
     actor = LocalActor(learner.policy.actor_layers(), learner.exploration_log_std())
     contender = rows_of(Policy(actor, "", config), "now", "", stochastic=False, is_zero=False)
+    return _on_the_way(contender, config, episodes)
+
+
+def _on_the_way(
+    contender: Sequence[Contender], config: RunConfig, episodes: int
+) -> dict[str, float]:
     progress = min(episodes / schedule_episodes(config), 1.0)
     metrics = _flown(contender, base(config.network.distribution), config, CURVE_SEED, progress)
     return {name: float(np.mean(metrics[name])) for name in (*EPISODE_METRICS, "utility")}
@@ -180,12 +190,17 @@ def row_of_hovering(key: str, config: RunConfig) -> Row:
     """The training curve of a fleet that hovers where Phase I has put it, and learns nothing.
 
     It flies the very topologies of a training with the same seed, one after the other, at the same
-    training progress.
+    training progress; and as often as a training's policy those on which it is flown on its way.
     """
+    every = evaluated_every(config)
     return Row(
         **_header(key, config.training.seed, ("orchid", "train")),
         episodes=config.training.episodes,
         curve=training_curve(hover(config)),
+        evaluations={
+            str(episodes): _on_the_way([rules()[key]], config, episodes)
+            for episodes in range(every, config.training.episodes + 1, every)
+        },
     )
 
 

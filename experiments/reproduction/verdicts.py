@@ -39,6 +39,8 @@ class Check:
     """The greatest difference that does not matter, in the metric's unit; fixed before the runs."""
     one: Callable[[Evidence], Floats]
     other: Callable[[Evidence], Floats]
+    is_relative: bool = False
+    """Whether the numbers are relative spreads (coefficients of variation), without a unit."""
 
 
 class Judgement(Document):
@@ -46,6 +48,8 @@ class Judgement(Document):
 
     what: str
     metric: str
+    is_relative: bool
+    """Whether the numbers below are relative spreads, without the metric's unit."""
     expected: Expectation
     margin: float
     finding: Finding
@@ -94,6 +98,7 @@ def _judgement(
     return Judgement(
         what=check.what,
         metric=check.metric,
+        is_relative=check.is_relative,
         expected=check.expected,
         margin=check.margin,
         finding=_finding(check, (one - other)[complete], comparison, p_holm),

@@ -23,7 +23,7 @@ from orchid_uav.experiments.interruption import (
     interruption_requests,
 )
 from orchid_uav.experiments.jobs.executor import INTERRUPTED_CODE
-from orchid_uav.experiments.jobs.workload import Job
+from orchid_uav.experiments.jobs.workload import Job, job_from_order, path_in_order
 from orchid_uav.experiments.output import lasting_output
 from orchid_uav.experiments.runs.lock import RunHeldError, RunLock
 from orchid_uav.experiments.runs.records import (
@@ -35,11 +35,12 @@ from orchid_uav.experiments.runs.records import (
 )
 from orchid_uav.experiments.training.listeners import Reporter
 from orchid_uav.notices import show_on_stderr
-from orchid_uav.storage.files import read_document, write_json
+from orchid_uav.storage.files import read_document
 
 if TYPE_CHECKING:
     from orchid_uav.callbacks import EpisodeCallback
 
+_MODULE = "orchid_uav.experiments.training.job"
 PATIENCE_S = 300.0
 """How long the process of a job waits for another that writes its run. On a machine that was cut
 off from a Ray cluster that one works on for two to three minutes more; a server of files gives the
@@ -90,26 +91,13 @@ class TrainingJob:
 
     def as_job(self, folder: Path, cost: float = 1.0) -> Job:
         """Describe the process that trains the run; its order and log are kept in ``folder``."""
-        folder = folder.absolute()  # the process may run on another machine
-        order = folder / f"{self.key}.json"
-        write_json(
-            order,
-            {
-                "name": self.name,
-                "config": self.config.model_dump(mode="json"),
-                # Not absolute: a folder above may have a name that is not valid text for JSON.
-                "runs_dir": os.path.relpath(self.runs_dir.resolve(), folder.resolve()),
-                "command": list(self.command),
-            },
-        )
-        return Job(
-            name=self.key,
-            # -P: a statistics.py in the user's working directory must not replace the library's.
-            command=(sys.executable, "-P", "-m", "orchid_uav.experiments.training.job", str(order)),
-            log=folder / f"{self.key}.log",
-            fraction_done=self.fraction_done(),
-            cost=cost,
-        )
+        order = {
+            "name": self.name,
+            "config": self.config.model_dump(mode="json"),
+            "runs_dir": self.runs_dir,
+            "command": list(self.command),
+        }
+        return job_from_order(self.key, _MODULE, order, folder, self.fraction_done(), cost)
 
     def fraction_done(self) -> Callable[[], float]:
         """What tells which fraction of the run's episodes is done."""
@@ -127,7 +115,7 @@ class TrainingJob:
             return cls(
                 document["name"],
                 RunConfig.model_validate(document["config"]),
-                (order.parent / document["runs_dir"]).resolve(),
+                path_in_order(document["runs_dir"], order),
                 tuple(document["command"]),
             )
         except (OSError, ValueError, LookupError, TypeError) as error:

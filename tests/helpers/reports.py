@@ -46,6 +46,7 @@ def make_judgement(check: Check, finding: Finding) -> Judgement:
     return Judgement(
         what=check.what,
         metric=check.metric,
+        is_relative=check.is_relative,
         expected=check.expected,
         margin=check.margin,
         finding=finding,

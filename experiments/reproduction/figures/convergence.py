@@ -217,7 +217,7 @@ class _Sheet:
         if self.is_flown:
             sentences.append(
                 f"Lower row: the policy of the moment without noise, on {CURVE_TOPOLOGIES} other "
-                "topologies, at the training's progress."
+                "topologies, at the training's progress; hovering flies these as well."
             )
         if any(len(own) >= MIN_RUNS for own in self.by_method.values()):
             sentences.append(

@@ -24,7 +24,6 @@ _FINDINGS: dict[Finding, tuple[str, str]] = {
     "no": ("✗", "fails"),
     "undecided": ("?", "open"),
 }
-_RELATIVE = ", relative spread"
 
 
 class Scale(NamedTuple):
@@ -51,7 +50,7 @@ def scale_of(check: Judgement) -> Scale:
     if check.metric == VARIANCE_RATIO:
         return Scale("decimal logarithm of a ratio of variances", "", 1.0, 2)
     metric = METRICS[check.metric]
-    if check.what.endswith(_RELATIVE):
+    if check.is_relative:
         return Scale(f"relative spread of {metric.title}", "", 1.0, 4)
     return Scale(metric.title, metric.unit, metric.scale, metric.digits)
 

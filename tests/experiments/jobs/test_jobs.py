@@ -29,7 +29,7 @@ from orchid_uav.experiments.jobs import local_processes as jobs_module
 from orchid_uav.experiments.jobs.child_process import describe_end
 from orchid_uav.experiments.jobs.executor import JobEnd, JobProgress, Overview
 from orchid_uav.experiments.jobs.local_processes import LocalProcesses
-from orchid_uav.experiments.jobs.workload import Job, Workload, last_end
+from orchid_uav.experiments.jobs.workload import Job, Workload, hours_text, last_end
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals and sessions are POSIX")
 
@@ -495,6 +495,13 @@ class TestTimeLeft:
     )
     def test_ends_with_the_last_job(self, waiting, busy, expected):
         assert last_end(waiting, busy) == expected
+
+    @pytest.mark.parametrize(
+        ("minutes", "processes", "expected"),
+        [([], 2, "0 min"), ([20.2, 20.2], 1, "41 min"), ([50.0, 50.0, 50.0], 2, "1.7 hours")],
+    )
+    def test_is_told_in_hours(self, minutes, processes, expected):
+        assert hours_text(minutes, processes) == expected
 
     def test_is_not_told_before_a_tenth_of_a_job(self):
         load, fractions = workload([1, 3], [0.5, 0.0], processes=1)  # 2 on average

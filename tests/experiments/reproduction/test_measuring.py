@@ -12,8 +12,10 @@ from orchid_uav.cli.main import app
 from orchid_uav.envs import Parameters, WorldBatch
 from orchid_uav.envs.interfaces.sb3_vec_env import FleetVecEnv
 from orchid_uav.envs.metrics import EPISODE_METRICS
+from orchid_uav.envs.seeds import evaluation_seeds
 from orchid_uav.experiments.configuration import RunConfig
-from orchid_uav.experiments.reproduction.measuring import hover, training_curve
+from orchid_uav.experiments.reproduction.measuring import hover, row_of_hovering, training_curve
+from orchid_uav.experiments.reproduction.settings import CURVE_SEED, CURVE_TOPOLOGIES
 from orchid_uav.experiments.reproduction.trainings import SEEDS, TRAININGS, configured
 from orchid_uav.experiments.training.builders import build_model
 
@@ -64,6 +66,23 @@ class TestHovering:
             for _ in range(10):
                 world.step(np.zeros((1, 6, 4)))
             assert row["reward"] == pytest.approx(world.episode_metrics(0)["reward"])
+
+    def test_flies_on_its_way_where_policies_do(self):
+        config = short(episodes=100)
+        row = row_of_hovering("static-mmf", config)
+        assert list(row.evaluations) == ["50", "100"]
+        world = WorldBatch(config.network_parameters, CURVE_TOPOLOGIES)
+        rewards = []
+        for progress in (0.5, 1.0):
+            world.seed(evaluation_seeds(CURVE_SEED, CURVE_TOPOLOGIES))
+            world.set_progress(progress)
+            world.reset()
+            for _ in range(10):
+                world.step(np.zeros((CURVE_TOPOLOGIES, 6, 4)))
+            each = [world.episode_metrics(number)["reward"] for number in range(CURVE_TOPOLOGIES)]
+            rewards.append(np.mean(each))
+        first, last = (row.evaluations[key]["reward"] for key in ("50", "100"))
+        assert [first, last] == pytest.approx(rewards)
 
 
 def test_a_curve_is_of_whole_blocks():
