@@ -8,6 +8,8 @@ BIN := .venv/bin
 ROOMS := src envs agents callbacks experiments orchid_cli
 PAGE := experiments/replay/page
 JOBS ?= 2
+# A file's tests go to one process: what they share, such as a run, is made once.
+SHARED_OUT := -n $(JOBS) --dist loadfile
 
 .DEFAULT_GOAL := help
 .PHONY: help install train test test-browser test-trackers test-ray test-lowest test-newest lint replay-page bench docs docs-data mutants reference studies ablation reproduce public validation fixed-batch clean FORCE
@@ -21,7 +23,7 @@ train: install  ## train the paper's run: 700 episodes, 2 to 5 minutes
 	$(BIN)/orchid train
 
 test: install  ## run the tests
-	$(BIN)/python -m pytest -n $(JOBS)
+	$(BIN)/python -m pytest $(SHARED_OUT)
 
 test-browser: install  ## the page of replays in a real Chromium, which must be installed
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt playwright
@@ -36,7 +38,7 @@ test-trackers: .venv-trackers/.installed  ## runs in a real MLflow, trackio and 
 
 # Old libraries beside new ones deprecate each other: no fault of ours, and none of theirs either.
 test-lowest test-newest: test-%:
-	.venv-$*/bin/python -m pytest -n $(JOBS) -W ignore::DeprecationWarning
+	.venv-$*/bin/python -m pytest $(SHARED_OUT) -W ignore::DeprecationWarning
 
 test-ray: install .venv-ray/.installed  ## run the tests of clusters, with real ones of Ray on this machine; some minutes
 	CLUSTER_TESTS=1 .venv-ray/bin/python -m pytest tests/experiments/jobs/test_ray_cluster.py tests/experiments/jobs/test_slurm_scripts.py
