@@ -76,9 +76,9 @@ def movements_block() -> str:
     return (
         f"{table([*heads, 'same direction', 'off at the end (m)'], rows)}\n\n"
         f"Means over seeds, {settings['topologies']} held-out topologies each; all but the last "
-        f"column over the last {settings['late_slots']} slots.\nStraightness is the distance gained "
-        "over the path flown; *still* and *loop* are shares of UAVs; *same\ndirection* is 1 where "
-        "all UAVs of all topologies fly the same way, and near 0 where each flies its own.\n\n"
+        f"column over the last {settings['late_slots']} slots.\nStraightness is the distance "
+        "gained over the path flown; *still* and *loop* are shares of UAVs; *same\ndirection* is 1 "
+        "where all UAVs of all topologies fly the same way, near 0 where each flies its own.\n\n"
         f"{recorded(document)}, `{document['command']}` → `studies/results/{_MOVEMENTS}.json`."
     )
 
