@@ -1,5 +1,6 @@
 """Files as they come: good ones, and good ones with a mistake, a bit, or a malice more."""
 
+import copy
 import io
 import json
 import struct
@@ -54,7 +55,7 @@ def _change(draw: st.DrawFn, document: Any) -> None:
         other_holder, other_key = draw(st.sampled_from(places))
         holder[key] = json.loads(json.dumps(other_holder[other_key]))
     else:
-        holder[key] = draw(st.sampled_from(_ODD_VALUES))
+        holder[key] = copy.deepcopy(draw(st.sampled_from(_ODD_VALUES)))
 
 
 def _collect(document: Any, places: list[tuple[Any, Any]]) -> None:

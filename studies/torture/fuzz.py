@@ -4,6 +4,7 @@ Every case is a command in a process of its own. It may accept (exit code 0) or 
 refusal is one line that begins with ``error:``, never a traceback, and leaves everything as it was.
 """
 
+import gc
 import io
 import json
 import re
@@ -89,6 +90,8 @@ def _prepare(directory: Path) -> None:
         path.rmdir() if path.is_dir() else path.unlink()
     plan.rmdir()
     torch.set_flush_denormal(False)  # a training sets it, and hypothesis objects
+    gc.collect()
+    gc.freeze()  # or every forked process would copy what it only looks through
 
 
 def _must(arguments: list[str]) -> None:
@@ -198,7 +201,7 @@ def _try_range(bench: Bench, template: Path, tally: Tally) -> Try:
     return attempt
 
 
-_PLAIN = re.compile(r"[+-]?([0-9]+(\.[0-9]+)?|\.[0-9]+)([eE][+-]?[0-9]+)?", re.ASCII)
+_PLAIN = re.compile(r"[+-]?(\d+(\.\d+)?|\.\d+)([eE][+-]?\d+)?")  # digits of all scripts
 
 
 def read_range(text: str) -> list[float] | None:
