@@ -90,6 +90,9 @@ class TestChannel:
             seed=0,
             air_to_ground_path_loss_db=rippled_path_loss_db,
         )
+        assert world._own_path_loss.link == (2.4e9,)
+        plain = WorldBatch(seed=0, air_to_ground_path_loss_db=lambda metres, up_m: 100.0)
+        assert plain._own_path_loss.link == ()
         world.reset()
         positions_m, users_m = world.arrays.positions_m[0], world.arrays.user_coordinates_m[0].T
         noise_w, power_w = world.parameters.access_noise_power_w, world.arrays.transmit_powers_w
@@ -100,7 +103,8 @@ class TestChannel:
             loss_db += 1.5 * abs(positions_m[uav, 2] - 83.0)
             expected = np.log2(1.0 + power_w[0, uav] * 10 ** ((gain_db - loss_db) / 10) / noise_w)
             if world.arrays.association[0, user] == uav:
-                assert world.arrays.spectral_efficiency[0, user] == pytest.approx(expected)
+                served = world.arrays.spectral_efficiency[0, user]
+                assert served == pytest.approx(expected, rel=1e-11)
         assert (world.arrays.association[0] >= 0).any()
 
     def test_the_built_in_step_is_left_alone(self):
