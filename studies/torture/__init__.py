@@ -1,0 +1,1 @@
+"""What the program has to bear: kills, faults, fuzzed input, large fleets."""
