@@ -12,18 +12,21 @@ from orchid_uav.experiments.runs.directory import Row, RunDirectory
 from orchid_uav.experiments.runs.records import read_config, read_record
 from orchid_uav.experiments.training.listeners import Reporter
 from orchid_uav.experiments.training.loop import train
+from orchid_uav.experiments.training.trackers import open_tracker
 from studies.torture.subjects import differences, outcome_of_runs
 
 CYCLES = 1000
 """At scale 1."""
-_NOTED = (10, 100, 300, 1000)
+_NOTED = (10, 30, 100, 300, 1000)
 """Cycles after which the process and the directory are measured."""
 _COMMON: dict[str, Any] = {
     "network.uav_count": 2,
     "network.user_count": 20,
     "network.episode_slots": 10,
-    "reset.window": 20,
-    "reset.max_resets": 3,
+    "reset.window": 50,
+    "reset.tolerance_jfi": 1e9,
+    "reset.tolerance_reward": 1e9,
+    "reset.max_resets": 5,
     "checkpoint.every_episodes": 10**6,  # only where a stop is asked for, and at the end
     "checkpoint.keep": 1,
 }
@@ -52,7 +55,7 @@ class _Stopping(Reporter):
 def run(scale: float, seed: int) -> dict[str, Any]:
     """Stop and go on ``CYCLES`` times ``scale`` with each learner, beside an undisturbed run."""
     cycles = max(20, round(CYCLES * scale))
-    learners = [_learner(name, cycles, seed) for name in _LEARNERS]
+    learners = [of_learner(name, cycles, seed) for name in _LEARNERS]
     return {
         "cycles": cycles,
         "learners": learners,
@@ -64,7 +67,8 @@ def run(scale: float, seed: int) -> dict[str, Any]:
     }
 
 
-def _learner(name: str, cycles: int, seed: int) -> dict[str, Any]:
+def of_learner(name: str, cycles: int, seed: int) -> dict[str, Any]:
+    """Stop and go on so many times, beside an undisturbed run of the same configuration."""
     own = _COMMON | _LEARNERS[name] | {"training.episodes": cycles + 1, "training.seed": seed}
     config = merge([Layer("torture", own)])[0]
     with tempfile.TemporaryDirectory() as place:
@@ -101,7 +105,9 @@ def _train(
     reporter: Reporter,
     interruption: Interruption | None = None,
 ) -> str:
-    return train(config, run, reporter, (), interruption or Interruption()).status
+    """Train as the command does, with its tracker; how the run ended."""
+    trackers = [open_tracker("tensorboard", run.path, config)]
+    return train(config, run, reporter, trackers, interruption or Interruption()).status
 
 
 def _measured(run: Path) -> dict[str, int]:
@@ -115,5 +121,6 @@ def _measured(run: Path) -> dict[str, int]:
         "open_files": sum(1 for _ in Path("/proc/self/fd").iterdir()),
         "threads": int(fields["Threads"]),
         "files_of_run": sum(path.is_file() for path in run.rglob("*")),
+        "bytes_of_run": sum(path.stat().st_size for path in run.rglob("*") if path.is_file()),
         "bytes_of_record": (run / "run.json").stat().st_size,
     }
