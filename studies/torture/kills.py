@@ -207,17 +207,7 @@ def _strike(
         victims = draw.choice([("all",), ("parent",), ("child",), ("child", "all")])
     for victim in victims:
         aim: Aim = draw.choice(["any time", "after the start", "a write"])
-        share = draw.random()
-        if aim == "any time":
-            until(lambda: process.poll() is not None, 1.05 * share * whole.seconds)
-        else:
-            until(
-                lambda: process.poll() is not None or _has_begun(working, began_ns),
-                GIVE_UP_AFTER_S,
-            )
-            until(lambda: process.poll() is not None, share * whole.working_s)
-        if aim == "a write":
-            until(lambda: process.poll() is not None or bool(unfinished(working)), _AIMED_FOR_S)
+        _await(aim, process, subject, working, whole, draw.random(), began_ns)
         if victim == "child":
             until(
                 lambda: process.poll() is not None or bool(children_of(process.pid)), whole.seconds
@@ -241,6 +231,30 @@ def _strike(
         phase = subject.phase(working) if has_begun else START
         number, episodes = story.chains + 1, episodes_done(working)
         story.kills.append(Kill(subject.name, number, victim, aim, after_s, phase, episodes))
+
+
+def _await(
+    aim: Aim,
+    process: "subprocess.Popen[bytes]",
+    subject: Subject,
+    working: Path,
+    whole: Undisturbed,
+    share: float,
+    began_ns: int,
+) -> None:
+    """Wait for the moment: a share of the whole time, or of the time after the first write."""
+
+    def has_ended() -> bool:
+        return process.poll() is not None
+
+    # What a plan writes first comes at its end.
+    if aim == "any time" or START not in subject.phases:
+        until(has_ended, 1.05 * share * whole.seconds)
+    else:
+        until(lambda: has_ended() or _has_begun(working, began_ns), GIVE_UP_AFTER_S)
+        until(has_ended, share * whole.working_s)
+    if aim == "a write":
+        until(lambda: has_ended() or bool(unfinished(working)), _AIMED_FOR_S)
 
 
 def _has_begun(working: Path, began_ns: int) -> bool:
