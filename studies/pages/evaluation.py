@@ -301,8 +301,8 @@ def figure_digests() -> dict[str, dict[str, str]]:
 
 def _digests(figure: Path) -> dict[str, str]:
     """Digests are compared, since redrawn PNG files differ between versions of libraries."""
-    own = RESULTS / f"{figure.stem}.json"
-    sources = [own if own.is_file() else RESULTS / "uavs.json"]
+    own = [*RESULTS.glob(f"{figure.stem}.json"), *RESULTS.glob(f"torture/{figure.stem}.json")]
+    sources = own or [RESULTS / "uavs.json"]
     if figure.name.startswith("reference"):
         sources = [REFERENCE / key / "episodes.csv" for key in COMMANDS]
     drawn_from = hashlib.sha256(b"".join(path.read_bytes() for path in sources))

@@ -48,21 +48,19 @@ def progress_block() -> str:
 
 
 def verdicts_block() -> str:
-    """The verdicts that have all of their seeds, and how many claims wait."""
+    """The verdicts that have all of their seeds."""
     found = result()
     lines = []
     for heading, claims in (("claim", found.claims), ("question", found.questions)):
-        decided = [claim for claim in claims if _is_measured(claim)]
-        waiting = [claim.key.upper() for claim in claims if not _is_measured(claim)]
+        decided = [claim for claim in claims if is_measured(claim)]
         if decided:
             head = ["", heading, "verdict", "uniform users", "what was compared"]
             lines.append(table(head, [_row(claim) for claim in decided], words=5))
-        if waiting:
-            lines.append(f"Waiting for seeds: {', '.join(waiting)}.")
     return "\n\n".join(lines)
 
 
-def _is_measured(claim: JudgedClaim) -> bool:
+def is_measured(claim: JudgedClaim) -> bool:
+    """Whether all comparisons of a claim have all of their pairs."""
     return all(check.n == check.units for check in claim.tcp.checks)
 
 
