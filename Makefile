@@ -10,9 +10,10 @@ PAGE := experiments/replay/page
 JOBS ?= 2
 # A file's tests go to one process: what they share, such as a run, is made once.
 SHARED_OUT := -n $(JOBS) --dist loadfile
+SCALE ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: help install train test test-browser test-trackers test-ray test-lowest test-newest lint replay-page bench docs docs-data mutants reference studies ablation reproduce public validation fixed-batch clean FORCE
+.PHONY: help install train test test-browser test-trackers test-ray test-lowest test-newest lint replay-page bench docs docs-data mutants reference studies ablation torture reproduce public validation fixed-batch clean FORCE
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -68,6 +69,9 @@ studies: install  ## fly the evaluations that the documentation shows; about an 
 
 ablation: install  ## ten seeds with and without Reset-and-Finetune, compared; about 1.4 hours of one core
 	$(BIN)/python -m studies.ablations
+
+torture: install  ## kills, stops, faults, fuzz, large fleets, for hours; SCALE=0.05 takes minutes
+	$(BIN)/python -m studies.torture --scale $(SCALE)
 
 reproduce: install  ## every figure and claim of the paper; many hours, prints how many, goes on where it stopped
 	$(BIN)/orchid reproduce --rows studies/results/reproduction

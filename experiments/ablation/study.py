@@ -34,7 +34,7 @@ from orchid_uav.experiments.evaluation.directory import (
     told_if_not_drawn,
 )
 from orchid_uav.experiments.evaluation.flights import FlightProgress, Plan
-from orchid_uav.experiments.figures.contact_sheet import write_ablation_sheet
+from orchid_uav.experiments.figures.contact_sheet import SHEET_FILE, write_ablation_sheet
 from orchid_uav.experiments.figures.learning_curves import draw_learning_curves
 from orchid_uav.experiments.figures.style import setting_of
 from orchid_uav.experiments.jobs.executor import Executor, JobProgress
@@ -45,11 +45,12 @@ from orchid_uav.experiments.statistics.curves import curve_table
 from orchid_uav.experiments.statistics.results import EvaluationResult, EvaluationSummary, Status
 from orchid_uav.experiments.training.job import TrainingJob
 from orchid_uav.notices import reason_of
-from orchid_uav.storage.files import read_document, write_json
+from orchid_uav.storage.files import leftovers, read_document, remove_leftovers, write_json
 
 DEFAULT_PARENT = Path("orchid-ablate")
 DOCUMENT_FILE, CURVES_FILE = "ablation.json", "learning_curves.png"
 RUNS_FOLDER, JOBS_FOLDER, EVALUATION_FOLDER = "runs", "jobs", "evaluation"
+_TEMPORARY = (DOCUMENT_FILE, SHEET_FILE)
 CURVE_WINDOW, CURVE_STEP = 20, 10
 """Episodes of a learning curve's trailing mean, and from one of its points to the next."""
 _LARGEST_DOCUMENT = 64 * 2**20
@@ -82,9 +83,12 @@ class AblationStudy:
         """Other seeds and variants may be added to a study, but not another base."""
         directory = self.directory
         try:
+            # Runs may come first, for example from an array of jobs.
+            begun = {directory / RUNS_FOLDER}
             if not directory.exists() or (
-                directory.is_dir() and {path.name for path in directory.iterdir()} <= {RUNS_FOLDER}
-            ):  # runs may come first, for example from an array of jobs
+                directory.is_dir()
+                and begun.union(leftovers(directory, _TEMPORARY)).issuperset(directory.iterdir())
+            ):
                 return
             document = read_document(directory / DOCUMENT_FILE, _LARGEST_DOCUMENT)
             known = AblationHeader.from_json(document).settings
@@ -116,6 +120,7 @@ class AblationStudy:
         """
         try:
             self.directory.mkdir(parents=True, exist_ok=True)
+            remove_leftovers(self.directory, _TEMPORARY)
             # This file comes first: a directory that has content but lacks it is somebody else's.
             write_json(self.directory / DOCUMENT_FILE, self._header("running").to_json())
             for folder in (JOBS_FOLDER, RUNS_FOLDER):

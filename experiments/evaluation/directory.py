@@ -35,13 +35,22 @@ from orchid_uav.experiments.statistics.results import (
     Status,
 )
 from orchid_uav.notices import kind_and_reason, reason_of, warn_once
-from orchid_uav.storage.files import read_document, write_atomically, write_json
+from orchid_uav.storage.files import (
+    leftovers,
+    read_document,
+    remove_leftovers,
+    write_atomically,
+    write_json,
+)
 
 SCHEMA = 1
 _LARGEST_SUMMARY = 64 * 2**20
 DEFAULT_PARENT = Path("orchid-eval")
 _STOPPING = b"stopping; what was flown is kept\n"
 EPISODES_FILE, SUMMARY_FILE, FIGURES_FOLDER = "episodes.parquet", "summary.json", "figures"
+_DRAWING, _RESERVING = "drawing", "reserving"
+"""Names of temporary folders, with what :mod:`tempfile` adds."""
+_TEMPORARY = (EPISODES_FILE, SUMMARY_FILE, _DRAWING, _RESERVING)
 
 
 def make_default_directory(parent: Path = DEFAULT_PARENT) -> Path:
@@ -109,7 +118,7 @@ def read_interrupted(
         InputError: the directory holds anything else, which must not be overwritten.
     """
     try:
-        if not directory.exists() or (directory.is_dir() and not any(directory.iterdir())):
+        if not directory.exists() or (directory.is_dir() and not _content_of(directory)):
             return {}
         summary = read_document(directory / SUMMARY_FILE, _LARGEST_SUMMARY)
         status, known = summary["status"], summary["settings"]
@@ -155,6 +164,11 @@ def read_interrupted(
     return flown
 
 
+def _content_of(directory: Path) -> set[Path]:
+    """What lies there, but for what an evaluation that was killed while writing has left."""
+    return set(directory.iterdir()).difference(leftovers(directory, _TEMPORARY))
+
+
 def _with_current_keys(settings: dict[str, Any]) -> dict[str, Any]:
     try:
         return EvaluationSettings.from_json(settings).to_json()
@@ -170,7 +184,7 @@ def reserve_directory(directory: Path) -> None:
     """
     try:
         directory.mkdir(parents=True, exist_ok=True)
-        tempfile.TemporaryDirectory(dir=directory).cleanup()
+        tempfile.TemporaryDirectory(prefix=f".{_RESERVING}-", dir=directory).cleanup()
     except OSError as error:
         raise InputError(f"cannot write to --out {directory}: {reason_of(error)}") from error
 
@@ -241,6 +255,8 @@ def run_evaluation(
         RunFailedError: the directory cannot be written.
     """
     document = summary_document(plan, {}, settings, command, is_complete=False)
+    with _told(directory):
+        remove_leftovers(directory, _TEMPORARY)
     with interruption_requests(Raising.AT_ONCE, _STOPPING) as interruption:
 
         def save(done: Flown) -> None:
@@ -319,7 +335,7 @@ def _draw(directory: Path, document: EvaluationSummary) -> None:
     from orchid_uav.experiments.figures.contact_sheet import write_evaluation_sheet
     from orchid_uav.experiments.figures.evaluation_figures import draw_figures
 
-    with tempfile.TemporaryDirectory(prefix=".drawing-", dir=directory) as beside:
+    with tempfile.TemporaryDirectory(prefix=f".{_DRAWING}-", dir=directory) as beside:
         figures = draw_figures(document.results, Path(beside) / FIGURES_FOLDER)
         write_evaluation_sheet(Path(beside) / FIGURES_FOLDER, document, figures)
         (Path(beside) / FIGURES_FOLDER).rename(directory / FIGURES_FOLDER)

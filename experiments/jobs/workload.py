@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from orchid_uav.storage.files import write_json
+from orchid_uav.storage.files import remove_leftovers, write_json
 
 _FIRST_ESTIMATE = 0.1
 """Share of an average job; less finished work does not show the pace."""
@@ -60,6 +60,7 @@ def job_from_order(
     """
     folder = folder.absolute()  # the process may run on another machine
     path = folder / f"{name}.json"
+    remove_leftovers(folder, [path.name])
     write_json(
         path,
         {

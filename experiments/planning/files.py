@@ -51,7 +51,7 @@ from orchid_uav.experiments.planning.settings import PlanConfig, plan_configurat
 from orchid_uav.experiments.planning.site import Site
 from orchid_uav.experiments.runs.records import DEFAULT_RUNS_DIR
 from orchid_uav.notices import reason_of
-from orchid_uav.storage.files import json_bytes
+from orchid_uav.storage.files import json_bytes, remove_leftovers
 
 DEFAULT_PARENT = Path("orchid-plan")
 PLAN_FILE, REPORT_FILE = "plan.json", "report.html"
@@ -239,6 +239,8 @@ def write_plan(planned: Planned, directory: Path | None, firmware: Firmware) -> 
     made = directory or DEFAULT_PARENT / f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}"
     try:
         made.parent.mkdir(parents=True, exist_ok=True)
+        if directory is not None:  # else others may write theirs beside it
+            remove_leftovers(made.parent, [made.name])
         beside = Path(tempfile.mkdtemp(prefix=f".{made.name}-", dir=made.parent))
         try:
             for name, content in files_of(planned, firmware):

@@ -24,6 +24,7 @@ from orchid_uav.experiments.reproduction.verdicts import (
 )
 from orchid_uav.experiments.statistics.comparison import (
     Comparison,
+    Difference,
     SeedSummary,
     compare_pairs,
     describe_seeds,
@@ -75,6 +76,8 @@ class FlownMethod(Document):
     sampled: dict[str, SeedSummary] = Field(default_factory=dict)
     twin: dict[str, float] = Field(default_factory=dict)
     """Means of the zero-action twin; of a rule there is none."""
+    beside_orchid: dict[str, Difference] = Field(default_factory=dict)
+    """By metric: the method less the paper's policy, paired by training seed."""
     reset_episodes: list[list[int]] = Field(default_factory=list)
     """By seed."""
     actor_latency_us: float | None = None
@@ -152,7 +155,13 @@ def flown_methods(evidence: Evidence) -> list[FlownMethod]:
     return [
         *(_trained(key, evidence) for key in trained),
         *(
-            FlownMethod(method=key, purpose="", seeds=0, deterministic=_summaries(key, evidence))
+            FlownMethod(
+                method=key,
+                purpose="",
+                seeds=0,
+                deterministic=_summaries(key, evidence),
+                beside_orchid=_beside_orchid(key, evidence),
+            )
             for key in rules
         ),
     ]
@@ -170,6 +179,7 @@ def _trained(key: str, evidence: Evidence) -> FlownMethod:
         deterministic=_summaries(key, evidence),
         sampled=_summaries(key, evidence, deterministic=False),
         twin={metric: float(value) for metric, value in twin.items() if np.isfinite(value)},
+        beside_orchid=_beside_orchid(key, evidence),
         reset_episodes=[row.reset_episodes for row in rows],
         actor_latency_us=median(latencies) if latencies else None,
     )
@@ -179,6 +189,18 @@ def _summaries(key: str, evidence: Evidence, deterministic: bool = True) -> dict
     base = [settings.base("tcp")]
     return {
         metric: describe_seeds(evidence.flown(key, metric, base, deterministic=deterministic))
+        for metric in TABLED
+    }
+
+
+def _beside_orchid(key: str, evidence: Evidence) -> dict[str, Difference]:
+    base = [settings.base("tcp")]
+    if key == "orchid":
+        return {}
+    return {
+        metric: compare_pairs(
+            evidence.flown("orchid", metric, base), evidence.flown(key, metric, base), None
+        ).difference
         for metric in TABLED
     }
 

@@ -39,6 +39,7 @@ from orchid_uav.storage.files import (
     checksum_of_file,
     json_bytes,
     read_bytes,
+    remove_leftovers,
     sealed,
     sync_file,
     write_atomically,
@@ -103,6 +104,8 @@ class RunDirectory:
                 f"--name {name!r} is not a run's name: up to 64 letters, digits, '.', '_', '-'"
             )
         started = datetime.now(UTC)
+        # Known before the directory is made: who is killed between the two leaves one that is none.
+        versions, host = describe_versions(), describe_host()
         try:
             runs_dir.mkdir(parents=True, exist_ok=True)
             path = _new_directory(runs_dir, f"{started:%Y%m%dT%H%M%SZ}-{name}-s", config)
@@ -117,8 +120,8 @@ class RunDirectory:
                 id=path.name,
                 name=name,
                 command=list(command),
-                versions=describe_versions(),
-                host=describe_host(),
+                versions=versions,
+                host=host,
                 started=started.isoformat(timespec="seconds"),
                 seconds=0.0,
                 episodes=0,
@@ -208,9 +211,8 @@ class RunDirectory:
 
     def _remove_leftovers(self) -> None:
         """Remove temporary files of a process that died while it replaced a file."""
-        for name in (RECORD_FILE, CONFIG_FILE, EPISODES_FILE, WEIGHTS_FILE, DESCRIPTION_FILE):
-            for path in self.path.glob(f".{name}.*"):
-                path.unlink()
+        names = (RECORD_FILE, CONFIG_FILE, EPISODES_FILE, WEIGHTS_FILE, DESCRIPTION_FILE)
+        remove_leftovers(self.path, names)
 
     def _begin(self) -> None:
         record = self.record

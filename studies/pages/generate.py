@@ -25,6 +25,7 @@ from studies.pages.pendulum import PENDULUM_BLOCKS, draw_pendulum
 from studies.pages.planning import PLANNING_BLOCKS
 from studies.pages.results import RESULTS_BLOCKS
 from studies.pages.results_words import RESULTS_WORDS_BLOCKS
+from studies.pages.torture import TORTURE_BLOCKS
 from studies.pages.validation import VALIDATION_BLOCKS, draw_validation
 
 ROOT = Path(__file__).parents[2]
@@ -115,7 +116,7 @@ def pages() -> dict[Path, str]:
     }
     blocks = {**BLOCKS, **ABLATION_BLOCKS, **VALIDATION_BLOCKS, **FINDING_BLOCKS}
     blocks |= {**PENDULUM_BLOCKS, **BATCHES_BLOCKS, **FLYING_BLOCKS, **PLANNING_BLOCKS}
-    blocks |= {**CLAIMS_BLOCKS, **RESULTS_BLOCKS, **RESULTS_WORDS_BLOCKS}
+    blocks |= {**CLAIMS_BLOCKS, **RESULTS_BLOCKS, **RESULTS_WORDS_BLOCKS, **TORTURE_BLOCKS}
     for name, (path, content) in blocks.items():
         text = texts.get(path) or path.read_text(encoding="utf-8")
         texts[path] = replace_block(text, name, content())

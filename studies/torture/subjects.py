@@ -36,6 +36,14 @@ SMALL_MADDPG = {
 PEOPLE_FILE = "people.csv"
 NOTES = ("stdout", "stderr", PEOPLE_FILE)
 """Files of a working directory that are no command's."""
+START = "in the start"
+"""Before the command has written anything."""
+SEARCH = "in the start, in reading or in searching"
+"""A plan writes nothing until its files."""
+_PHASES_OF_RUNS = (
+    *("in an episode or an update", "in a checkpoint", "while another file is written"),
+    "after the last episode",
+)
 LOCK_FILE, RESERVE_FILE = ".lock", ".reserve"
 """Hidden files of a run: the lock stays, the reserve is there as long as the run goes on."""
 _RUNS = "runs"
@@ -43,10 +51,10 @@ _RUN_ID = re.compile(r"\d{8}T\d{6}Z-|-[a-z]{4}(?=-zero$|$)")
 _EVENTS = re.compile(r"tfevents\..*?(\.hparams)?$")
 _LEARNED = ("status", "episodes", "reset_episodes", "final", "config_sha256")
 _COMPARED = (
-    *("status", "values", "comparisons", "others", "late_changes", "replayed_trigger"),
+    *("status", "values", "comparisons", "late_changes", "replayed_trigger"),
     "learning_curves",
 )
-"""Keys of ``ablation.json`` besides ``runs``: the others are times, versions and machines."""
+"""Keys of ``ablation.json`` besides ``runs`` and ``others``; left are times, versions, machines."""
 
 Outcome = dict[str, str]
 """Checksums of all that must be the same, by name."""
@@ -66,6 +74,8 @@ class Subject:
     """What the command has made."""
     phase: Callable[[Path], str]
     """Where in its work something has hit the command, by what it left."""
+    phases: tuple[str, ...]
+    """All of these."""
 
 
 def positions_file(working: Path) -> None:
@@ -109,7 +119,11 @@ def _training(name: str, values: Mapping[str, Any], *flags: str) -> Subject:
     def phase(working: Path) -> str:
         return _phase_of_runs(working / _RUNS) or "before the run has a record"
 
-    return Subject(name, command, going_on, lambda path: outcome_of_runs(path / _RUNS), phase)
+    def outcome(working: Path) -> Outcome:
+        return outcome_of_runs(working / _RUNS)
+
+    phases = (START, "before the run has a record", *_PHASES_OF_RUNS)
+    return Subject(name, command, going_on, outcome, phase, phases)
 
 
 def _ablation() -> Subject:
@@ -122,6 +136,7 @@ def _ablation() -> Subject:
         for run in document["runs"]:
             del run["run"], run["seconds"]
         made = {f"ablation.json: {name}": _checksum(document[name]) for name in _COMPARED}
+        made["ablation.json: others"] = _unnamed(document["others"])
         made["ablation.json: runs"] = _checksum(document["runs"])
         made["files"] = _checksum(sorted(path.name for path in (working / "study").iterdir()))
         made |= outcome_of_runs(working / "study" / "runs")
@@ -140,7 +155,11 @@ def _ablation() -> Subject:
             return "in flights"
         return _phase_of_runs(directory / "runs") or "before a run has a record"
 
-    return Subject("ablate", study, lambda _: study, outcome, phase)
+    phases = (
+        *(START, "before the study is there", "before a run has a record", *_PHASES_OF_RUNS),
+        *("in flights", "while results are compared and drawn"),
+    )
+    return Subject("ablate", study, lambda _: study, outcome, phase, phases)
 
 
 def _evaluation() -> Subject:
@@ -168,7 +187,11 @@ def _evaluation() -> Subject:
             return "while figures are drawn"
         return "while a file is written" if unfinished(place) else "in flights"
 
-    return Subject("eval", command, going_on, outcome, phase)
+    phases = (
+        *(START, "before anything is kept", "in flights", "while a file is written"),
+        *("while figures are drawn", "after its end"),
+    )
+    return Subject("eval", command, going_on, outcome, phase, phases)
 
 
 def _plan() -> Subject:
@@ -188,9 +211,10 @@ def _plan() -> Subject:
     def phase(working: Path) -> str:
         if (working / "plan").exists():
             return "after the plan is there"
-        return "while its files are written" if unfinished(working) else "in reading and searching"
+        return "while its files are written" if unfinished(working) else SEARCH
 
-    return Subject("plan", command, going_on, outcome, phase)
+    phases = (SEARCH, "while its files are written", "after the plan is there")
+    return Subject("plan", command, going_on, outcome, phase, phases)
 
 
 def _records(runs: Path) -> dict[Path, dict[str, Any]]:

@@ -23,7 +23,7 @@ from orchid_uav.experiments.reproduction.result import (
 )
 from orchid_uav.experiments.reproduction.trainings import SEEDS, TRAININGS
 from orchid_uav.experiments.reproduction.verdicts import Check, Finding, Judgement, verdict_of
-from orchid_uav.experiments.statistics.comparison import SeedSummary, compare_pairs
+from orchid_uav.experiments.statistics.comparison import Difference, SeedSummary, compare_pairs
 from tests.helpers.reproductions import USUAL, VERSIONS, noise_of
 
 KINDS: Sequence[Sequence[Finding]] = (
@@ -100,13 +100,23 @@ def make_summary(method: str, metric: str, n: int) -> SeedSummary:
     )
 
 
+def make_difference(method: str, metric: str) -> Difference:
+    """What a method has more than the paper's."""
+    mean = USUAL[metric] * noise_of(method, metric, "beside").uniform(0.01, 0.1)
+    ends = [0.9 * mean, 1.1 * mean]
+    return Difference(mean=mean, median=mean, iqm=mean, ci95=ends, ci95_of="mean")
+
+
 def make_method(method: str) -> FlownMethod:
     """A method in the paper's network."""
     is_rule = method in RULE_IDEAS
     seeds = 0 if is_rule else len(SEEDS)
     summaries = {metric: make_summary(method, metric, 10) for metric in TABLED}
+    beside = {metric: make_difference(method, metric) for metric in TABLED if method != "orchid"}
     if is_rule:
-        return FlownMethod(method=method, purpose="", seeds=0, deterministic=summaries)
+        return FlownMethod(
+            method=method, purpose="", seeds=0, deterministic=summaries, beside_orchid=beside
+        )
     return FlownMethod(
         method=method,
         purpose=TRAININGS[method].purpose,
@@ -114,6 +124,7 @@ def make_method(method: str) -> FlownMethod:
         deterministic=summaries,
         sampled={metric: make_summary(f"{method} sampled", metric, 10) for metric in TABLED},
         twin={metric: USUAL[metric] for metric in TABLED},
+        beside_orchid=beside,
         reset_episodes=[[100 + seed] for seed in SEEDS],
         actor_latency_us=25.0,
     )

@@ -14,7 +14,7 @@ from orchid_uav.experiments.reproduction.result import (
     FlownMethod,
     Sensitivity,
 )
-from orchid_uav.experiments.statistics.comparison import SeedSummary
+from orchid_uav.experiments.statistics.comparison import Difference, SeedSummary
 
 PAPERS = (
     *("orchid", "orchid-no-rf", "orchid-random-init", "orchid-long", "orchid-pf"),
@@ -133,16 +133,16 @@ def what_is_added(methods: Sequence[FlownMethod]) -> list[Markup]:
     heads = ["Method", "What it is"]
     for metric in _GAINED:
         heads += [_SCALES[metric].heading, "beside the paper's"]
-    rows = [[code("orchid"), _idea("orchid"), *_beside(paper, None)]]
-    rows += [[code(method.method), _idea(method.method), *_beside(method, paper)] for method in own]
+    shown = [paper, *own]
+    rows = [[code(method.method), _idea(method.method), *_beside(method)] for method in shown]
     return [
         element(
             "p",
             "Beyond the paper, this project trains a policy that is told what a drone in flight "
             "can know, and flies rules that need no training. ",
             element("dfn", "Utility"),
-            " is the paper's own sum of what should be good. These are differences of means, "
-            "without a verdict.",
+            " is the paper's own sum of what should be good. Differences are paired by training "
+            "seed, with their 95\u00a0% intervals, and without a verdict.",
         ),
         table("In the paper's network, flown without noise", heads, rows),
     ]
@@ -152,19 +152,24 @@ def _idea(key: str) -> Markup:
     return element("td", (RELEASED | RULE_IDEAS)[key], class_="wrapped")
 
 
-def _beside(method: FlownMethod, paper: FlownMethod | None) -> list[str]:
+def _beside(method: FlownMethod) -> list[str]:
     cells = []
     for metric in _GAINED:
-        mean = _mean(method, metric)
+        summary = method.deterministic.get(metric)
+        mean = None if summary is None else summary.mean
         cells.append("–" if mean is None else _text(metric, mean))
-        base = None if paper is None else _mean(paper, metric)
-        known = mean is not None and base is not None
-        cells.append(signed(metric, mean - base) if known else "–")  # type: ignore[operator]
+        cells.append(_difference(metric, method.beside_orchid.get(metric)))
     return cells
 
 
-def _mean(method: FlownMethod, metric: str) -> float | None:
-    return method.deterministic[metric].mean if metric in method.deterministic else None
+def _difference(metric: str, difference: Difference | None) -> str:
+    """A mean difference with its interval, where there is one."""
+    if difference is None or difference.mean is None:
+        return "–"
+    text = signed(metric, difference.mean)
+    if difference.ci95 is None:
+        return text
+    return f"{text} [{' to '.join(signed(metric, end) for end in difference.ci95)}]"
 
 
 def signed(metric: str, value: float) -> str:
@@ -185,7 +190,7 @@ def sensitivities(found: Sequence[Sensitivity]) -> list[Markup]:
             element("td", one.purpose, class_="wrapped"),
             _gained(one.gained),
             _gained(one.gained_by_orchid),
-            _difference(one),
+            _difference(UTILITY, one.difference.difference),
             f"{one.difference.n} of {one.difference.seeds}",
         ]
         for one in found
@@ -205,16 +210,6 @@ def _gained(summary: SeedSummary) -> Markup:
         return element("td", "–")
     spread = f"±\u00a0{_text(UTILITY, summary.std)}" if summary.std else ""
     return element("td", signed(UTILITY, summary.mean), " ", element("small", spread))
-
-
-def _difference(one: Sensitivity) -> str:
-    difference = one.difference.difference
-    if difference.mean is None:
-        return "–"
-    text = signed(UTILITY, difference.mean)
-    if difference.ci95 is None:
-        return text
-    return f"{text} [{' to '.join(signed(UTILITY, end) for end in difference.ci95)}]"
 
 
 def false_alarms(found: Sequence[FalseAlarms]) -> list[Markup]:

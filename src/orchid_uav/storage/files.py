@@ -10,9 +10,11 @@ import hashlib
 import json
 import math
 import os
+import re
+import shutil
 import stat
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
@@ -172,6 +174,26 @@ def write_atomically(path: Path, content: bytes) -> None:
     except BaseException:
         Path(temporary).unlink(missing_ok=True)
         raise
+
+
+def leftovers(directory: Path, names: Iterable[str]) -> list[Path]:
+    """What a process that died while it wrote files of these names has left beside them."""
+    wanted = "|".join(map(re.escape, names))
+    pattern = re.compile(rf"\.({wanted})[.-][a-z0-9_]{{8}}")  # as `tempfile` ends names
+    return [path for path in directory.iterdir() if pattern.fullmatch(path.name)]
+
+
+def remove_leftovers(directory: Path, names: Iterable[str]) -> None:
+    """Remove what :func:`leftovers` finds; only for who alone writes these files.
+
+    Raises:
+        OSError: something cannot be removed.
+    """
+    for path in leftovers(directory, names):
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path)
+        else:
+            path.unlink(missing_ok=True)
 
 
 @contextmanager

@@ -6,6 +6,7 @@ import re
 from collections import Counter
 from html import escape, unescape
 
+import numpy as np
 import pytest
 
 from orchid_uav.experiments.metrics import METRICS
@@ -13,10 +14,10 @@ from orchid_uav.experiments.reproduction.claims import CLAIMS, QUESTIONS
 from orchid_uav.experiments.reproduction.report.effects import decisive, scale_of
 from orchid_uav.experiments.reproduction.report.methods import OWN, PAPERS
 from orchid_uav.experiments.reproduction.report.page import report_html
-from orchid_uav.experiments.reproduction.trainings import TRAININGS
+from orchid_uav.experiments.reproduction.trainings import SEEDS, TRAININGS
 from tests.helpers.pages import HOSTILE, Page
 from tests.helpers.reports import make_document, make_figures, make_judgement, make_method
-from tests.helpers.reproductions import make_reproduction, make_rows
+from tests.helpers.reproductions import make_reproduction, make_rows, mean_of
 
 VERDICT_WORDS = ("holds", "partly", "does not hold", "undecided", "not testable in this model")
 
@@ -276,11 +277,13 @@ class TestMethods:
     def test_own_ones_are_told_by_what_they_add(self, document, page):
         rows = table_of(page, "In the paper's network, flown without noise")
         assert [row[0] for row in rows] == ["orchid", *OWN]
-        means = {method.method: method.deterministic["utility"].mean for method in document.methods}
+        by_key = {method.method: method for method in document.methods}
         for row in rows[1:]:
-            assert numbers_in(row[2]) == [pytest.approx(means[row[0]], abs=0.0005001)]
-            added = means[row[0]] - means["orchid"]
-            assert numbers_in(row[3]) == [pytest.approx(added, abs=0.0005001)]
+            method = by_key[row[0]]
+            mean = method.deterministic["utility"].mean
+            assert numbers_in(row[2]) == [pytest.approx(mean, abs=0.0005001)]
+            added = method.beside_orchid["utility"]
+            assert numbers_in(row[3]) == pytest.approx([added.mean, *added.ci95], abs=0.0005001)
 
     def test_false_alarms_are_counted(self, page):
         rows = table_of(page, "Runs that learn nothing in which the trigger fires")
@@ -347,3 +350,17 @@ def test_few_rows_of_a_quick_run_become_a_page(figures):
         told = table_of(page, f"Comparisons of {key}, users in hotspots")
         assert {row[7] for row in told} == {pairs}
         assert {row[9] for row in told} == {"–"}
+
+
+def test_what_a_method_adds_is_paired_by_seed():
+    rows = list(make_rows(["orchid", "orchid-informed"], rules=["balanced-loiter"]))
+    by_key = {method.method: method for method in make_reproduction(rows).methods}
+    paper = [mean_of("orchid", "utility", seed) for seed in SEEDS]
+    own = [mean_of("orchid-informed", "utility", seed) for seed in SEEDS]
+    added = by_key["orchid-informed"].beside_orchid["utility"]
+    assert added.mean == pytest.approx(np.mean(own) - np.mean(paper), abs=1e-4)
+    assert added.ci95[0] < added.mean < added.ci95[1]
+    rule = by_key["balanced-loiter"].beside_orchid["utility"]
+    expected = mean_of("balanced-loiter", "utility", None) - np.mean(paper)
+    assert rule.mean == pytest.approx(expected, abs=1e-4)
+    assert by_key["orchid"].beside_orchid == {}
