@@ -239,9 +239,11 @@ def write_plan(planned: Planned, directory: Path | None, firmware: Firmware) -> 
     made = directory or DEFAULT_PARENT / f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}"
     try:
         made.parent.mkdir(parents=True, exist_ok=True)
-        if directory is not None:  # else others may write theirs beside it
-            remove_leftovers(made.parent, [made.name])
-        beside = Path(tempfile.mkdtemp(prefix=f".{made.name}-", dir=made.parent))
+        # Told apart from all that a user may keep beside it, as it is removed if it is left.
+        unfinished = f"{made.name}.being-written"
+        if directory is not None:  # else others may write theirs at this moment
+            remove_leftovers(made.parent, [unfinished])
+        beside = Path(tempfile.mkdtemp(prefix=f".{unfinished}-", dir=made.parent))
         try:
             for name, content in files_of(planned, firmware):
                 path = beside / name

@@ -32,7 +32,7 @@ def kills_block() -> str:
     document = read("torture/kills")
     rows = []
     for subject in document["subjects"]:
-        hit = [f"{phase} {count}" for phase, count in subject["phases"].items() if count]
+        hit = [f"{phase}: {count}" for phase, count in subject["phases"].items() if count]
         missed = [phase for phase, count in subject["phases"].items() if not count]
         rows.append(
             [
@@ -44,7 +44,7 @@ def kills_block() -> str:
                 f"{subject['compared']}",
             ]
         )
-    header = ["command", "hit", "not hit", "kills", "ends", "compared"]
+    header = ["command", "hit: times", "not hit", "kills", "ends", "compared"]
     unborn = sum(subject["unborn"] for subject in document["subjects"])
     victims = [kill["victim"] for kill in document["kills"] if kill["subject"] == "ablate"]
     who = ", ".join(
@@ -73,7 +73,8 @@ def cycles_block() -> str:
             f"{noted['open_files']}",
             f"{noted['threads']}",
             f"{noted['files_of_run']:,}",
-            f"{noted['bytes_of_run'] / 1000:.0f}",
+            f"{noted['bytes_of_run'] / 1000:,.0f}",
+            f"{noted['bytes_of_record'] / 1000:,.0f}",
         ]
         for learner in document["learners"]
         for noted in learner["noted"]
@@ -84,7 +85,7 @@ def cycles_block() -> str:
         for learner in document["learners"]
     )
     return (
-        table([*header, "kB of the run"], rows)
+        table([*header, "kB of the run", "kB of run.json"], rows)
         + f"\n\n{resets}: weights, `episodes.csv`, checkpoint and final metrics are bit for bit "
         f"those of the undisturbed run. {source(document)}"
     )
