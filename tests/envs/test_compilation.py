@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numba.core.caching import UserProvidedCacheLocator
 
 from orchid_uav import notices
 from orchid_uav.envs import compilation, dynamics
@@ -242,7 +241,8 @@ compilation.compiled(doubling.double)(numpy.ones(1))
 def test_a_damaged_cache_changes_no_exit_code(tmp_path, start_orchid):
     # An EOFError is what Typer takes for ctrl-C.
     own = Path(dynamics.__file__)
-    folder = tmp_path / "cache" / UserProvidedCacheLocator.get_suitable_cache_subpath(str(own))
+    locator = dynamics.step_worlds._cache._impl.locator  # the class's name depends on the version
+    folder = tmp_path / "cache" / locator.get_suitable_cache_subpath(str(own))
     shutil.copytree(dynamics.step_worlds.stats.cache_path, folder)
     [index] = folder.glob("diagnostics.inspect_worlds*.nbi")
     index.write_bytes(b"")
