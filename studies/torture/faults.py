@@ -28,6 +28,7 @@ from studies.torture.subjects import (
     differences,
     episodes_done,
     litter,
+    paths_below,
     positions_file,
     subjects,
 )
@@ -355,7 +356,7 @@ def _is_amid(subject: Subject, working: Path, notes: Path) -> bool:
     amid: dict[str, Callable[[], bool]] = {
         "train": lambda: episodes_done(working) >= _ROWS_BEFORE,
         "ablate": lambda: episodes_done(working) >= _ROWS_BEFORE,
-        "eval": lambda: any(working.rglob("episodes.parquet")),
+        "eval": lambda: any(path.name == "episodes.parquet" for path in paths_below(working)),
         "plan": lambda: "stations:" in (notes / "stdout").read_text(encoding="utf-8"),
     }
     return amid[subject.command[0]]()
@@ -363,9 +364,11 @@ def _is_amid(subject: Subject, working: Path, notes: Path) -> bool:
 
 def _kept(working: Path) -> int:
     """Episodes of the newest checkpoints of all runs, and flights of all tables."""
-    kept = 0
-    for run in working.rglob("checkpoints"):
-        kept += max((int(path.name) for path in run.iterdir() if path.name.isdigit()), default=0)
-    for table in working.rglob("episodes.parquet"):
-        kept += pyarrow.parquet.read_metadata(table).num_rows
-    return kept
+    newest: dict[Path, int] = {}
+    flights = 0
+    for path in paths_below(working):
+        if path.parent.name == "checkpoints" and path.name.isdigit():
+            newest[path.parent] = max(newest.get(path.parent, 0), int(path.name))
+        if path.name == "episodes.parquet":
+            flights += pyarrow.parquet.read_metadata(path).num_rows
+    return sum(newest.values()) + flights

@@ -28,6 +28,7 @@ from studies.torture.subjects import (
     differences,
     episodes_done,
     litter,
+    paths_below,
     positions_file,
     subjects,
     unborn,
@@ -259,7 +260,7 @@ def _await(
 
 def _has_begun(working: Path, began_ns: int) -> bool:
     """Whether something was written since, by a command that begins with writing into a folder."""
-    for path in working.rglob("*"):
+    for path in paths_below(working):
         with suppress(FileNotFoundError):
             if path.name not in NOTES and path.lstat().st_mtime_ns > began_ns:
                 return True

@@ -2,9 +2,10 @@
 
 import hashlib
 import json
+import os
 import re
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -223,7 +224,7 @@ def _records(runs: Path) -> dict[Path, dict[str, Any]]:
 
 def episodes_done(working: Path) -> int:
     """Rows that all runs of a working directory have in their logs."""
-    logs = working.rglob("episodes.csv")
+    logs = [path for path in paths_below(working) if path.name == "episodes.csv"]
     return sum(max(0, log.read_bytes().count(b"\n") - 1) for log in logs)
 
 
@@ -307,22 +308,17 @@ def litter(directory: Path) -> list[Path]:
     ]
 
 
+def paths_below(directory: Path) -> Iterator[Path]:
+    """All files and folders, also while some of them come and go, for which ``rglob`` fails."""
+    for folder, folders, files in os.walk(directory):
+        for name in (*folders, *files):
+            yield Path(folder) / name
+
+
 def _hidden(directory: Path) -> list[Path]:
-    # A folder may be renamed or removed while it is looked through.
-    found = []
-    pending = [directory]
-    while pending:
-        folder = pending.pop()
-        try:
-            paths = sorted(folder.iterdir())
-        except (FileNotFoundError, NotADirectoryError):
-            continue
-        for path in paths:
-            if path.name.startswith("."):
-                found.append(path)
-            elif path.is_dir():
-                pending.append(path)
-    return sorted(found)
+    """Hidden files and folders that do not lie in one another."""
+    found = sorted(path for path in paths_below(directory) if path.name.startswith("."))
+    return [path for path in found if not set(path.parents).intersection(found)]
 
 
 def differences(one: Mapping[str, str], other: Mapping[str, str]) -> list[str]:
