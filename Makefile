@@ -8,10 +8,13 @@ BIN := .venv/bin
 ROOMS := src envs agents callbacks experiments orchid_cli
 PAGE := experiments/replay/page
 JOBS ?= 2
+# A file's tests go to one process: what they share, such as a run, is made once.
+SHARED_OUT := -n $(JOBS) --dist loadfile
+AUDIT ?= studies/results/audit.json
 SCALE ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: help install train test test-browser test-trackers test-ray test-lowest test-newest lint replay-page bench docs docs-data mutants reference studies ablation torture reproduce public validation fixed-batch clean FORCE
+.PHONY: help install train test test-browser test-trackers test-ray test-lowest newest licences audit dist dist-check lint replay-page bench docs docs-data mutants reference studies ablation torture reproduce public validation fixed-batch clean FORCE
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -22,25 +25,40 @@ train: install  ## train the paper's run: 700 episodes, 2 to 5 minutes
 	$(BIN)/orchid train
 
 test: install  ## run the tests
-	$(BIN)/python -m pytest -n $(JOBS)
+	$(BIN)/python -m pytest $(SHARED_OUT)
 
 test-browser: install  ## the page of replays in a real Chromium, which must be installed
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt playwright
 	$(BIN)/python -m pytest -n $(JOBS) -m browser tests/browser
 
 test-lowest: .venv-lowest/.installed  ## run the tests with the lowest versions that pyproject.toml admits
-test-newest: .venv-newest/.installed  ## run the tests with the newest versions of all but torch
+newest: .venv-newest/.installed  ## run the tests with the newest versions of all but torch, and write which
 
 # Their servers are slow to start: not in the suite.
 test-trackers: .venv-trackers/.installed  ## runs in a real MLflow, trackio and W&B; some minutes
 	.venv-trackers/bin/python -m pytest -W ignore tests/experiments/test_real_trackers.py
 
 # Old libraries beside new ones deprecate each other: no fault of ours, and none of theirs either.
-test-lowest test-newest: test-%:
-	.venv-$*/bin/python -m pytest -n $(JOBS) -W ignore::DeprecationWarning
+TESTED = --json .venv-$(1)/tested.json -- $(SHARED_OUT) -W ignore::DeprecationWarning
+test-lowest:
+	.venv-lowest/bin/python -m studies.supply_chain.tested $(call TESTED,lowest)
+newest:
+	.venv-newest/bin/python -m studies.supply_chain.tested $(call TESTED,newest)
 
 test-ray: install .venv-ray/.installed  ## run the tests of clusters, with real ones of Ray on this machine; some minutes
 	CLUSTER_TESTS=1 .venv-ray/bin/python -m pytest tests/experiments/jobs/test_ray_cluster.py tests/experiments/jobs/test_slurm_scripts.py
+
+licences: install .venv-supply/.installed  ## read the licences of all dependencies into studies/results; then make docs-data
+	.venv-supply/bin/python -m studies.supply_chain.licences
+
+audit: install .venv-supply/.installed  ## look for known vulnerabilities of the pinned versions
+	.venv-supply/bin/python -m studies.supply_chain.audit --json $(AUDIT)
+
+dist: install .venv-supply/.installed  ## build the sdist and the wheel of the last commit into dist/
+	.venv-supply/bin/python -m studies.supply_chain.distributions
+
+dist-check: install .venv-supply/.installed  ## build them twice, compare bytes and contents, install and run; some minutes
+	.venv-supply/bin/python -m studies.supply_chain.distribution_check
 
 lint: install  ## ruff and mypy
 	$(BIN)/ruff check .
@@ -135,16 +153,19 @@ export NO_COMPILER
 	.venv-benchmarl/bin/python -m pip install --quiet --no-deps --requirement $<
 	@touch $@
 
-# On top of .venv, but for the versions that MLflow (pyarrow) and trackio (pillow) do not take yet.
 .venv-trackers/.installed: pyproject.toml constraints.txt .venv/.installed
 	$(call venv_on_top,.venv-trackers)
-	grep -vE '^(pyarrow|pillow)==' constraints.txt > .venv-trackers/constraints.txt
-	.venv-trackers/bin/python -m pip install --quiet --constraint .venv-trackers/constraints.txt mlflow trackio wandb
+	.venv-trackers/bin/python -m pip install --quiet --constraint constraints.txt mlflow trackio wandb
 	@touch $@
 
 .venv-ray/.installed: pyproject.toml constraints.txt .venv/.installed
 	$(call venv_on_top,.venv-ray)
 	.venv-ray/bin/python -m pip install --quiet --constraint constraints.txt ray
+	@touch $@
+
+.venv-supply/.installed: studies/supply_chain/requirements.txt .venv/.installed
+	$(call venv_on_top,.venv-supply)
+	.venv-supply/bin/python -m pip install --quiet --requirement $<
 	@touch $@
 
 # venv_on_top VENV: one that also has all that .venv has.

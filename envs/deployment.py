@@ -121,7 +121,7 @@ def _fit(
     clustering: KMeans, positions_m: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
     """Centroids and labels; the centroid of a cluster without users means nothing yet."""
-    with warnings.catch_warnings(), _openmp().limit(limits=1, user_api="openmp"):
+    with warnings.catch_warnings(), scikit_learn_threads().limit(limits=1, user_api="openmp"):
         # Fewer distinct positions than clusters is unusual but valid: some UAVs start together.
         warnings.simplefilter("ignore", ConvergenceWarning)
         clustering.fit(positions_m)
@@ -147,8 +147,11 @@ def _settle(
 
 
 @cache
-def _openmp() -> ThreadpoolController:
-    """The threads of scikit-learn, kept to one: on so few points more only cost time."""
+def scikit_learn_threads() -> ThreadpoolController:
+    """The threads of scikit-learn, kept to one: on so few points more only cost time.
+
+    Looking for them takes longer than many a clustering, hence once.
+    """
     return ThreadpoolController()
 
 

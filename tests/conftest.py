@@ -4,18 +4,18 @@ import signal
 import subprocess
 import sys
 
-import numpy as np
 import pytest
-import torch
 
-from orchid_uav.envs import WorldBatch
-from orchid_uav.envs.diagnostics import Diagnostics
 from tests.helpers.processes import Finished, fingerprint
+
+# What is slow to import is imported by fixtures: the process that hands out the tests uses none.
 
 
 @pytest.fixture(autouse=True, scope="session")
 def _one_thread_per_process() -> None:
     """pytest-xdist runs a process per core; more torch threads than that slow all of them down."""
+    import torch
+
     torch.set_num_threads(1)
 
 
@@ -32,6 +32,11 @@ def _signals_as_in_a_terminal() -> None:
 @pytest.fixture(scope="session")
 def compiled_simulator():
     """Compile what is compiled at the first call: commands tell of it among what tests look at."""
+    import numpy as np
+
+    from orchid_uav.envs import WorldBatch
+    from orchid_uav.envs.diagnostics import Diagnostics
+
     world = WorldBatch(seed=0)
     world.reset()
     diagnostics = Diagnostics(world)
@@ -52,6 +57,8 @@ def plain_environment(monkeypatch, compiled_simulator):
 @pytest.fixture
 def torch_as_before():
     """Undo what a run sets for the whole process."""
+    import torch
+
     yield
     torch.set_flush_denormal(False)
 

@@ -1,6 +1,7 @@
 """Bounds of dependencies, what says that one is missing, and the Pythons that are supported."""
 
 import ast
+import json
 import re
 import runpy
 import sys
@@ -14,6 +15,9 @@ from packaging.utils import canonicalize_name
 from packaging.version import Version
 
 from orchid_uav import extras, python_version
+from studies.pages.dependencies import WHY
+from studies.recording import read
+from studies.supply_chain.licences import BUNDLED, unaccepted
 
 ROOT = Path(__file__).parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
@@ -68,6 +72,38 @@ class TestDependencies:
         assert extras.install_command("supersuit") == (
             "uv pip install --python /venv/bin/python 'supersuit>=3.10'"
         )
+
+
+class TestLicences:
+    ROWS = {row["name"]: row for row in read("licences")["packages"]}
+
+    @pytest.mark.parametrize("requirement", REQUIREMENTS, ids=lambda requirement: requirement.name)
+    def test_its_purpose_and_an_accepted_licence_are_told(self, requirement):
+        name = canonicalize_name(requirement.name)
+        assert name in self.ROWS, "run: make licences docs-data"
+        assert self.ROWS[name]["direct"]
+        assert unaccepted(self.ROWS[name]["licence"]) == []
+        assert WHY[name]
+
+    def test_the_table_has_the_pinned_versions_and_no_others(self):
+        listed = {name: Version(row["version"]) for name, row in self.ROWS.items()}
+        assert listed == pins_of("constraints.txt"), "run: make licences docs-data"
+        assert not [name for name, row in self.ROWS.items() if unaccepted(row["licence"])]
+
+    def test_nothing_is_explained_that_is_no_dependency(self):
+        assert set(WHY) == {canonicalize_name(requirement.name) for requirement in REQUIREMENTS}
+
+    def test_bundled_code_has_its_licence_beside_it(self):
+        built_with = json.loads((ROOT / "experiments/replay/page/build/package.json").read_text())[
+            "dependencies"
+        ]
+        rows = {row["name"]: row for row in read("licences")["bundled"]}
+        assert set(rows) == set(BUNDLED) == set(built_with) - {"esbuild"}  # which only builds
+        for name, row in rows.items():
+            text = (ROOT / row["text"]).read_text(encoding="utf-8")
+            assert row["version"] == built_with[name]
+            assert f"{name}.js {row['version']}" in text
+            assert "Permission is hereby granted, free of charge" in text  # MIT
 
 
 class TestPythonVersion:

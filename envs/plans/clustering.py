@@ -5,9 +5,9 @@ import warnings
 import numpy as np
 from sklearn.cluster import KMeans
 from sklearn.exceptions import ConvergenceWarning
-from threadpoolctl import threadpool_limits
 
 from orchid_uav.envs.arrays import Floats
+from orchid_uav.envs.deployment import scikit_learn_threads
 
 
 def weighted_centroids(positions_m: Floats, weights: Floats, clusters: int, seed: int) -> Floats:
@@ -20,7 +20,7 @@ def weighted_centroids(positions_m: Floats, weights: Floats, clusters: int, seed
         positions_m = np.resize(positions_m, (clusters, 2))
         weights = np.resize(weights, clusters)
     clustering = KMeans(clusters, init="k-means++", n_init=1, random_state=seed)
-    with warnings.catch_warnings(), threadpool_limits(limits=1, user_api="openmp"):
+    with warnings.catch_warnings(), scikit_learn_threads().limit(limits=1, user_api="openmp"):
         warnings.simplefilter("ignore", ConvergenceWarning)  # fewer places than clusters
         clustering.fit(positions_m, sample_weight=weights)
     centroids_m: Floats = clustering.cluster_centers_

@@ -17,6 +17,7 @@ from studies.flight import draw_flight
 from studies.pages.ablation import ABLATION_BLOCKS, draw_ablations
 from studies.pages.batches import BATCHES_BLOCKS
 from studies.pages.claims import CLAIMS_BLOCKS
+from studies.pages.dependencies import DEPENDENCY_BLOCKS
 from studies.pages.deployment import draw_deployment
 from studies.pages.evaluation import BLOCKS, draw_studies, record_sources
 from studies.pages.findings import FINDING_BLOCKS
@@ -117,6 +118,7 @@ def pages() -> dict[Path, str]:
     blocks = {**BLOCKS, **ABLATION_BLOCKS, **VALIDATION_BLOCKS, **FINDING_BLOCKS}
     blocks |= {**PENDULUM_BLOCKS, **BATCHES_BLOCKS, **FLYING_BLOCKS, **PLANNING_BLOCKS}
     blocks |= {**CLAIMS_BLOCKS, **RESULTS_BLOCKS, **RESULTS_WORDS_BLOCKS, **TORTURE_BLOCKS}
+    blocks |= DEPENDENCY_BLOCKS
     for name, (path, content) in blocks.items():
         text = texts.get(path) or path.read_text(encoding="utf-8")
         texts[path] = replace_block(text, name, content())

@@ -1,5 +1,6 @@
 """The ``orchid`` command: what it prints where, its exit codes, and what it leaves behind."""
 
+import contextlib
 import errno
 import importlib.metadata
 import io
@@ -40,6 +41,7 @@ from tests.helpers.processes import (
     cells,
     columns,
     files_of,
+    forked,
     record_of,
 )
 
@@ -864,30 +866,25 @@ class TestInterruption:
         assert train("--quiet").code == 130
         assert [record_of(run)["status"] for run in new_runs()] in ([], ["interrupted"])
 
+    @pytest.mark.skipif(os.name != "posix", reason="fork is POSIX")
     def test_by_a_scheduler_before_training_begins_is_told_by_the_record(
-        self, plain_environment, runs_dir, new_runs
+        self, plain_environment, runs_dir, new_runs, tmp_path, monkeypatch
     ):
         # SIGTERM, of which the process would otherwise die on the spot: hence one of its own.
-        code = f"""
-import signal, sys
-from orchid_uav.cli.main import main
-from orchid_uav.experiments.training import trackers
-open_tracker = trackers.open_tracker
-def interrupted(*arguments):
-    signal.raise_signal(signal.SIGTERM)
-    return open_tracker(*arguments)
-trackers.open_tracker = interrupted
-sys.exit(main({[*TINY_TRAIN, "--quiet", "--runs-dir", str(runs_dir)]!r}))
-"""
-        finished = subprocess.run(
-            [sys.executable, "-c", code],
-            capture_output=True,
-            text=True,
-            timeout=GIVE_UP_AFTER_S,
-            check=False,
-        )
-        assert finished.returncode == 130
-        assert "Traceback" not in finished.stderr
+        open_tracker = trackers.open_tracker
+
+        def interrupted(*arguments):
+            signal.raise_signal(signal.SIGTERM)
+            return open_tracker(*arguments)
+
+        def train():
+            with (tmp_path / "err").open("w") as err, contextlib.redirect_stderr(err):
+                assert main([*TINY_TRAIN, "--quiet", "--runs-dir", str(runs_dir)]) == 130
+
+        monkeypatch.setattr(trackers, "open_tracker", interrupted)
+        _, status = os.waitpid(forked(train), 0)
+        assert os.waitstatus_to_exitcode(status) == 0
+        assert "Traceback" not in (tmp_path / "err").read_text()
         assert [record_of(run)["status"] for run in new_runs()] in ([], ["interrupted"])
 
     @pytest.mark.parametrize("module", ["typer", "torch"])
@@ -927,7 +924,7 @@ runpy.run_path({script!r}, run_name="__main__")
             "--set=reset.max_resets=99",
         ]
         process = start_orchid(
-            *("train", *TINY_FLAGS, "--episodes=200", "--runs-dir", runs_dir, *flags),
+            *("train", *TINY_FLAGS, "--episodes=60", "--runs-dir", runs_dir, *flags),
             "--set=reset.tolerance_reward=1e9",
         )
         assert process.stdout.readline().startswith("run ")

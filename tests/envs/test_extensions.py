@@ -34,9 +34,14 @@ SMALL = {"uav_count": 3, "user_count": 20, "episode_slots": 12}
 SHORT = {"uavs": 3, "users": 20, "episode_slots": 12}
 
 
-def rippled_path_loss_db(ground_distance_m, altitude_m):
-    """Rises and falls with distance, and rises with altitude: all that pruning rules out."""
-    return 100.0 + 15.0 * math.cos(ground_distance_m / 90.0) + 0.05 * altitude_m
+def rippled_path_loss_db(ground_distance_m, altitude_m, carrier_frequency_hz):
+    """Rises and falls with distance and with altitude, which pruning by distance cannot know.
+
+    All altitudes but one are bad, and the built-in channel would not lead there. One function for
+    all tests: the simulator is compiled anew for another.
+    """
+    ripples_db = 0.05 * ground_distance_m + 10.0 * math.cos(ground_distance_m / 90.0)
+    return carrier_frequency_hz / 4e7 + ripples_db + 1.5 * abs(altitude_m - 83.0)
 
 
 class TestChannel:
@@ -68,15 +73,39 @@ class TestChannel:
             independent,
             "path_loss_db",
             lambda setting, uav_m, user_m: rippled_path_loss_db(
-                math.dist(uav_m[:2], user_m), uav_m[2]
+                math.dist(uav_m[:2], user_m), uav_m[2], 2.4e9
             ),
         )
         overrides = {"network.shares": rule, "deployment.init": "random", "user_count": 40}
+        overrides |= {"carrier_frequency_hz": 2.4e9}
         world, diagnostics = begun(
             overrides, worlds=4, seed=2, air_to_ground_path_loss_db=rippled_path_loss_db
         )
         assert count_both(world, diagnostics, slots=3, seed=0) > 0
         assert (world.arrays.association >= 0).any()
+
+    def test_as_many_parameters_are_passed_as_it_takes(self):
+        world = WorldBatch(
+            Parameters().with_overrides({**SMALL, "carrier_frequency_hz": 2.4e9}),
+            seed=0,
+            air_to_ground_path_loss_db=rippled_path_loss_db,
+        )
+        assert world._own_path_loss.link == (2.4e9,)
+        plain = WorldBatch(seed=0, air_to_ground_path_loss_db=lambda metres, up_m: 100.0)
+        assert plain._own_path_loss.link == ()
+        world.reset()
+        positions_m, users_m = world.arrays.positions_m[0], world.arrays.user_coordinates_m[0].T
+        noise_w, power_w = world.parameters.access_noise_power_w, world.arrays.transmit_powers_w
+        gain_db = world.parameters.channel.access_gain_db
+        for uav, user in np.ndindex(3, 20):
+            ground_m = math.dist(positions_m[uav, :2], users_m[user])
+            loss_db = 60.0 + 0.05 * ground_m + 10.0 * math.cos(ground_m / 90.0)
+            loss_db += 1.5 * abs(positions_m[uav, 2] - 83.0)
+            expected = np.log2(1.0 + power_w[0, uav] * 10 ** ((gain_db - loss_db) / 10) / noise_w)
+            if world.arrays.association[0, user] == uav:
+                served = world.arrays.spectral_efficiency[0, user]
+                assert served == pytest.approx(expected, rel=1e-11)
+        assert (world.arrays.association[0] >= 0).any()
 
     def test_the_built_in_step_is_left_alone(self):
         before = list(getattr(step_worlds, "signatures", []))
@@ -85,30 +114,9 @@ class TestChannel:
         assert WorldBatch(seed=0).specialised(step_worlds) is step_worlds
         assert list(getattr(step_worlds, "signatures", [])) == before
 
-    def test_as_many_parameters_are_passed_as_it_takes(self):
-        def constant(ground_distance_m, altitude_m, carrier_frequency_hz):
-            return carrier_frequency_hz / 3e7
-
-        world = WorldBatch(
-            Parameters().with_overrides({**SMALL, "carrier_frequency_hz": 2.4e9}),
-            seed=0,
-            air_to_ground_path_loss_db=constant,
-        )
-        world.reset()
-        served = world.arrays.spectral_efficiency[0, world.arrays.target_users[0]]
-        noise_w, power_w = world.parameters.access_noise_power_w, world.arrays.transmit_powers_w
-        gain_db = world.parameters.channel.access_gain_db
-        expected = np.log2(1.0 + power_w[0, 0] * 10 ** ((gain_db - 80.0) / 10) / noise_w)
-        np.testing.assert_allclose(served, expected, rtol=1e-12)
-
     def test_a_search_plans_for_the_channel_of_its_worlds(self):
-        """All altitudes but one are bad, and the built-in channel would not lead there."""
-
-        def layered(ground_distance_m, altitude_m):
-            return 60.0 + 0.05 * ground_distance_m + 1.5 * abs(altitude_m - 83.0)
-
         parameters = Parameters().with_overrides({"uav_count": 1, "user_count": 12})
-        world = WorldBatch(parameters, seed=0, air_to_ground_path_loss_db=layered)
+        world = WorldBatch(parameters, seed=0, air_to_ground_path_loss_db=rippled_path_loss_db)
         world.reset()
         Planner(evaluations=800).begin(world)
         np.testing.assert_allclose(world.arrays.positions_m[0, :, 2], 83.0, atol=1.5)

@@ -138,8 +138,10 @@ def quick(monkeypatch):
 
 @pytest.fixture
 def ablate(orchid, quick, tmp_path, monkeypatch):
-    """Runs a study in this process."""
+    """Runs a study in this process, without its figures, which ``finished`` and ``grown`` have."""
     monkeypatch.chdir(tmp_path)
+    for step in ("draw_learning_curves", "write_ablation_sheet"):
+        monkeypatch.setattr(ablation_study, step, lambda *given, **options: None)
     return lambda *arguments: orchid(*STUDY, *arguments)
 
 
@@ -909,8 +911,17 @@ class TestInterruption:
     ("seeds", "at_once", "rounds"), [("0", 16, 1), ("0", 2, 1), ("0,1", 3, 2), ("0,1", 1, 4)]
 )
 def test_the_time_it_takes_is_told_before_it_begins(ablate, monkeypatch, seeds, at_once, rounds):
+    def begin_and_stop(self, given, progress):
+        progress.begin(given, 1)
+        signal.raise_signal(signal.SIGTERM)
+        return []
+
+    monkeypatch.setattr(InThisProcess, "run", begin_and_stop)
+    monkeypatch.setattr(InThisProcess, "was_stopped", True)
     monkeypatch.setattr(calibration, "seconds_per_episode", lambda config: 60.0)
-    told = ablate("--no-rf", f"--seeds={seeds}", f"--jobs={at_once}").out
+    stopped = ablate("--no-rf", f"--seeds={seeds}", f"--jobs={at_once}")
+    assert stopped.code == 130
+    told = stopped.out
     before, begun, _ = told.partition(" jobs, 1 at once")  # of the executor in this process
     assert begun
     assert f"about {rounds * EPISODES} min with {at_once} at once" in before

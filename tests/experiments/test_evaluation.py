@@ -233,7 +233,8 @@ def test_headroom_lies_between_loiter_and_planner():
 
 
 def test_json_is_one_document_that_keeps_the_contract(evaluate_tiny, trained):
-    finished = evaluate_tiny(trained, "--methods=static-pf,loiter-mmf", "--json", "--out=out")
+    arguments = ("--methods=static-pf,loiter-mmf", "--json", "--out=out", "--no-figures")
+    finished = evaluate_tiny(trained, *arguments)
     assert finished.code == 0
     document = json.loads(finished.out)
     assert document["schema"] == 1

@@ -356,10 +356,10 @@ class TestJob:
 
 @pytest.fixture
 def process(tmp_path, start_process):
-    """Starts the process of a job, under an executor or by hand."""
+    """Starts the process of a job as an executor does."""
 
-    def start(job, is_job, **streams):
-        environment = os.environ | ({"ORCHID_JOB": "1"} if is_job else {})
+    def start(job, **streams):
+        environment = os.environ | {"ORCHID_JOB": "1"}
         return start_process(job.as_job(tmp_path).command, env=environment, **streams)
 
     return start
@@ -375,9 +375,8 @@ def until(condition, child):
 
 class TestProcess:
     def test_stops_at_the_end_of_its_input_if_an_executor_started_it(self, make, process):
-        job, by_hand = make("endless", episodes=100_000), make("by-hand", episodes=3)
-        child = process(job, is_job=True, stdin=subprocess.PIPE)
-        other = process(by_hand, is_job=False, stdin=subprocess.DEVNULL)
+        job = make("endless", episodes=100_000)
+        child = process(job, stdin=subprocess.PIPE)
         fraction_done = training_job._FractionDone(job)
 
         def has_begun():
@@ -394,14 +393,25 @@ class TestProcess:
         record = record_of(job.find())
         assert out == f"run {record['id']} from episode 1 on\n"
         assert columns(job.find())["episode"] == list(range(1, record["episodes"] + 1))
-        _, err = other.communicate(timeout=GIVE_UP_AFTER_S)
-        assert (other.returncode, err) == (0, "")
-        assert by_hand.status() == "completed"
 
     def main(self, monkeypatch, order) -> int:
         monkeypatch.delenv("ORCHID_JOB", raising=False)  # or the end of our input would end us
         monkeypatch.setattr(sys, "argv", ["training_job", str(order)])
         return training_job.main()
+
+    def test_heeds_no_end_of_its_input_if_it_was_started_by_hand(
+        self, make, tmp_path, monkeypatch, capsys
+    ):
+        job, own_input = make("by-hand", episodes=3), os.dup(0)
+        with Path(os.devnull).open() as ended:
+            os.dup2(ended.fileno(), 0)
+        try:
+            code = self.main(monkeypatch, job.as_job(tmp_path).command[-1])
+        finally:
+            os.dup2(own_input, 0)
+            os.close(own_input)
+        assert (code, capsys.readouterr().err) == (0, "")
+        assert job.status() == "completed"
 
     def test_ends_with_1_and_the_reason(self, make, tmp_path, monkeypatch, capsys):
         job = make(ppo__actor_learning_rate=1e30)

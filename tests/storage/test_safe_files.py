@@ -671,7 +671,7 @@ class TestDocuments:
             (b'{"a": "\\ud800"}', "surrogate"),
             (b'{"\\udfff": 1}', "surrogate"),
             (b'{"a": ' + b"[" * 40 + b"]" * 40 + b"}", "nested"),
-            (b'{"a": ' + b"[" * 10**5 + b"}", "recursion"),
+            (b'{"a": ' + b"[" * 10**5 + b"}", "recursion|Stack overflow"),
             (b'{"a": ' + b"9" * 10**5 + b"}", "digits"),
             (b'{"a": 1} {}', "Extra data"),
             (b"[]", "not a JSON object"),

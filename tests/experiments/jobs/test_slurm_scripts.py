@@ -53,7 +53,7 @@ def sbatch(tmp_path, start_process):
             "PATH": f"{standin / 'bin'}{os.pathsep}{os.environ['PATH']}",
             "SLURM_STANDIN": str(standin),
             "SLURM_JOB_ID": "17",
-            "SLURM_CPUS_PER_TASK": "2",
+            "SLURM_CPUS_PER_TASK": "1",
         }
         command = ["sh", str(SCRIPTS / script), *arguments]
         return start_process(command, env=os.environ | own | environment, cwd=tmp_path)

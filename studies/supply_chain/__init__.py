@@ -1,0 +1,1 @@
+"""What this project depends on, and what is built of it."""
