@@ -12,8 +12,8 @@ PAGE = ROOT / "docs" / "reliability.md"
 def source(document: Mapping[str, Any]) -> str:
     """When, where and how something was measured, how long it took, and what failed."""
     failures = document["failures"]
-    found = "Nothing failed." if not failures else f"**{len(failures)} failed**: "
-    found += "; ".join(failures)
+    failed = dict.fromkeys(failure.partition(": ")[0] for failure in failures)
+    found = f"**Failed: {'; '.join(failed)}**." if failed else "Nothing failed."
     minutes = document["seconds"] / 60.0
     return (
         f"{found} {recorded(document)}, {document['host']['cores']} cores, {minutes:.0f} minutes, "
