@@ -74,13 +74,19 @@ def record(settings: Mapping[str, Any], **measured: Any) -> dict[str, Any]:
     return {
         "schema": SCHEMA,
         "date": f"{datetime.now(UTC):%Y-%m-%d}",
-        "command": " ".join(["python", "-m", sys.modules["__main__"].__spec__.name, *sys.argv[1:]]),
+        "command": " ".join(["python", "-m", _program(), *sys.argv[1:]]),
         "host": host,
         "load_average": [round(load, 2) for load in os.getloadavg()],
         "versions": describe_versions(),
         "settings": dict(settings),
         **measured,
     }
+
+
+def _program() -> str:
+    """The module that was started; a process of pytest has none."""
+    spec = sys.modules["__main__"].__spec__
+    return spec.name if spec is not None else "unknown"
 
 
 DIGITS = 6

@@ -27,6 +27,7 @@ from studies.pages.planning import PLANNING_BLOCKS
 from studies.pages.results import RESULTS_BLOCKS
 from studies.pages.results_words import RESULTS_WORDS_BLOCKS
 from studies.pages.torture import TORTURE_BLOCKS
+from studies.pages.torture_fuzz import TORTURE_FUZZ_BLOCKS, draw_fleets
 from studies.pages.validation import VALIDATION_BLOCKS, draw_validation
 
 ROOT = Path(__file__).parents[2]
@@ -117,7 +118,13 @@ def pages() -> dict[Path, str]:
     }
     blocks = {**BLOCKS, **ABLATION_BLOCKS, **VALIDATION_BLOCKS, **FINDING_BLOCKS}
     blocks |= {**PENDULUM_BLOCKS, **BATCHES_BLOCKS, **FLYING_BLOCKS, **PLANNING_BLOCKS}
-    blocks |= {**CLAIMS_BLOCKS, **RESULTS_BLOCKS, **RESULTS_WORDS_BLOCKS, **TORTURE_BLOCKS}
+    blocks |= {
+        **CLAIMS_BLOCKS,
+        **RESULTS_BLOCKS,
+        **RESULTS_WORDS_BLOCKS,
+        **TORTURE_BLOCKS,
+        **TORTURE_FUZZ_BLOCKS,
+    }
     blocks |= DEPENDENCY_BLOCKS
     for name, (path, content) in blocks.items():
         text = texts.get(path) or path.read_text(encoding="utf-8")
@@ -137,6 +144,7 @@ def main() -> None:
         *draw_validation(),
         draw_pendulum(),
         draw_flying(),
+        draw_fleets(),
         draw_flight(),
     ]
     for path in [*drawn, record_sources()]:

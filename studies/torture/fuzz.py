@@ -218,7 +218,7 @@ def read_range(text: str) -> list[float] | None:
             numbers = [Decimal(one) for one in texts if _PLAIN.fullmatch(one)]
         except InvalidOperation:
             return None
-        if len(numbers) < len(texts) or any(abs(one) > Decimal("1e9") for one in numbers[:2]):
+        if len(numbers) < len(texts) or any(abs(one) > Decimal("1e9") for one in numbers):
             return None
         first = numbers[0]
         last = numbers[1] if dots else first
