@@ -118,13 +118,8 @@ def pages() -> dict[Path, str]:
     }
     blocks = {**BLOCKS, **ABLATION_BLOCKS, **VALIDATION_BLOCKS, **FINDING_BLOCKS}
     blocks |= {**PENDULUM_BLOCKS, **BATCHES_BLOCKS, **FLYING_BLOCKS, **PLANNING_BLOCKS}
-    blocks |= {
-        **CLAIMS_BLOCKS,
-        **RESULTS_BLOCKS,
-        **RESULTS_WORDS_BLOCKS,
-        **TORTURE_BLOCKS,
-        **TORTURE_FUZZ_BLOCKS,
-    }
+    blocks |= {**CLAIMS_BLOCKS, **RESULTS_BLOCKS, **RESULTS_WORDS_BLOCKS}
+    blocks |= {**TORTURE_BLOCKS, **TORTURE_FUZZ_BLOCKS}
     blocks |= DEPENDENCY_BLOCKS
     for name, (path, content) in blocks.items():
         text = texts.get(path) or path.read_text(encoding="utf-8")

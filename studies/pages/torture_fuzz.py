@@ -27,7 +27,7 @@ def fuzz_block() -> str:
     verdict = (
         "No promise was broken."
         if not failures
-        else f"**{len(failures)} broken promises**: {'; '.join(failures)}"
+        else f"**Not as it should be**: {'; '.join(failures)}."
     )
     return (
         f"{table([*heads, 'different messages'], rows)}\n\n"
@@ -78,6 +78,7 @@ def draw_fleets() -> Path:
     """Time of a slot over the number of users, a line for each number of UAVs."""
     from matplotlib import style
     from matplotlib.figure import Figure
+    from matplotlib.ticker import StrMethodFormatter
 
     from orchid_uav.experiments.figures.style import PAGE_IN, STYLE
 
@@ -96,6 +97,8 @@ def draw_fleets() -> Path:
         for axes, label in ((slots, "time of a slot (ms)"), (memory, "memory more (MiB)")):
             axes.set_xscale("log")
             axes.set_yscale("log")
+            for axis in (axes.xaxis, axes.yaxis):  # the style shows no mathematical text
+                axis.set_major_formatter(StrMethodFormatter("{x:,g}"))
             axes.set_xlabel("users")
             axes.set_ylabel(label)
         figure.legend(loc="outside lower center", ncols=len(counts))
