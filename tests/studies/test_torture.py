@@ -29,7 +29,9 @@ for count in range(count, 15):
     time.sleep(0.005)
     new.replace(state)
     time.sleep(0.005)
-(place / "result").write_text(f"{count}" + (f" {begun}" if how == "forgets" else ""))
+new = place / ".new"
+new.write_text("done" + (f" {begun}" if how == "forgets" else ""))
+new.replace(place / "result")
 """
 
 
