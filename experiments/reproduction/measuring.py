@@ -192,13 +192,13 @@ def row_of_hovering(key: str, config: RunConfig) -> Row:
     It flies the very topologies of a training with the same seed, one after the other, at the same
     training progress; and as often as a training's policy those on which it is flown on its way.
     """
-    every = evaluated_every(config)
+    every, contender = evaluated_every(config), [rules()[key]]
     return Row(
         **_header(key, config.training.seed, ("orchid", "train")),
         episodes=config.training.episodes,
         curve=training_curve(hover(config)),
         evaluations={
-            str(episodes): _on_the_way([rules()[key]], config, episodes)
+            str(episodes): _on_the_way(contender, config, episodes)
             for episodes in range(every, config.training.episodes + 1, every)
         },
     )

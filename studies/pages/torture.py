@@ -14,9 +14,10 @@ def source(document: Mapping[str, Any]) -> str:
     failures = document["failures"]
     failed = dict.fromkeys(failure.partition(": ")[0] for failure in failures)
     found = f"**Failed: {'; '.join(failed)}**." if failed else "Nothing failed."
-    minutes = document["seconds"] / 60.0
+    minutes = round(document["seconds"] / 60.0)
+    took = f"{minutes} minute{'s' * (minutes != 1)}"
     return (
-        f"{found} {recorded(document)}, {document['host']['cores']} cores, {minutes:.0f} minutes, "
+        f"{found} {recorded(document)}, {document['host']['cores']} cores, {took}, "
         f"`{document['command']}`."
     )
 

@@ -165,7 +165,6 @@ class Bench:
     def __init__(self, place: Path, template: Path) -> None:
         self._working = place / "working"
         self._template = template
-        self._place = place
         self._before: dict[str, str] = {}
         self._prepare()
 

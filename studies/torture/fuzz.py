@@ -54,7 +54,7 @@ def run(scale: float, seed: int) -> dict[str, Any]:
         _prepare(template)
         bench = Bench(Path(place), template)
         surfaces = [
-            _surface(name, strategy, attempt(bench, template, tally), tally, cases, seed)
+            _surface(name, strategy, attempt(bench, tally), tally, cases, seed)
             for name, (strategy, attempt) in _surfaces(template).items()
             for tally in [Tally()]
         ]
@@ -134,11 +134,11 @@ def _zipped(content: bytes) -> bytes:
     return written.getvalue()
 
 
-def _try_command_line(bench: Bench, template: Path, tally: Tally) -> Try:
+def _try_command_line(bench: Bench, tally: Tally) -> Try:
     return lambda arguments: bench.try_one(arguments, {}, tally)
 
 
-def _try_configuration(bench: Bench, template: Path, tally: Tally) -> Try:
+def _try_configuration(bench: Bench, tally: Tally) -> Try:
     def attempt(drawn: tuple[str, bytes]) -> None:
         kind, content = drawn
         name = f"drawn.{kind}"
@@ -147,7 +147,7 @@ def _try_configuration(bench: Bench, template: Path, tally: Tally) -> Try:
     return attempt
 
 
-def _try_positions(bench: Bench, template: Path, tally: Tally) -> Try:
+def _try_positions(bench: Bench, tally: Tally) -> Try:
     def attempt(drawn: tuple[str, bytes]) -> None:
         kind, content = drawn
         name = f"drawn.{kind}"
@@ -157,19 +157,19 @@ def _try_positions(bench: Bench, template: Path, tally: Tally) -> Try:
     return attempt
 
 
-def _try_mission(bench: Bench, template: Path, tally: Tally) -> Try:
+def _try_mission(bench: Bench, tally: Tally) -> Try:
     return lambda content: bench.try_one(
         ["plan", "--check", "drawn.plan"], {"drawn.plan": content}, tally
     )
 
 
-def _try_archive(bench: Bench, template: Path, tally: Tally) -> Try:
+def _try_archive(bench: Bench, tally: Tally) -> Try:
     return lambda content: bench.try_one(
         ["runs", "import", "drawn.zip", "--runs-dir=elsewhere"], {"drawn.zip": content}, tally
     )
 
 
-def _try_range(bench: Bench, template: Path, tally: Tally) -> Try:
+def _try_range(bench: Bench, tally: Tally) -> Try:
     """Ranges are compared with a reading of their own; some are given to a command as well."""
     flown = 0
 
