@@ -16,7 +16,8 @@ from orchid_uav.experiments.configuration import configuration_keys
 from orchid_uav.experiments.statistics.intervals import MetricSummary
 from studies.deployment import RESULT, fly
 from studies.pages import ablation as ablations
-from studies.pages.evaluation import FIGURE_SOURCES, coverage_sentence, figure_digests
+from studies.pages.evaluation import coverage_sentence
+from studies.pages.figure_sources import FIGURE_SOURCES, figure_digests
 from studies.pages.generate import configuration_page, pages
 from studies.pages.markdown import metrics_table
 from studies.recording import read_evaluation

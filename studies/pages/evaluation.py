@@ -1,6 +1,5 @@
 """Blocks of the documentation about evaluations, from the committed summaries."""
 
-import hashlib
 from collections.abc import Sequence
 from pathlib import Path
 from statistics import fmean
@@ -12,7 +11,6 @@ from orchid_uav.experiments.metrics import HEADLINE, HEADROOM, METRICS
 from orchid_uav.experiments.runs.directory import read_episodes
 from orchid_uav.experiments.runs.records import read_config, read_record
 from orchid_uav.experiments.statistics.results import EvaluationSummary
-from orchid_uav.storage.files import write_json
 from studies.evaluations import PLANNER_BUDGETS
 from studies.pages.markdown import (
     FIGURES,
@@ -24,7 +22,7 @@ from studies.pages.markdown import (
     source,
     table,
 )
-from studies.recording import RESULTS, read, read_evaluation
+from studies.recording import read, read_evaluation
 
 REFERENCE = ROOT / "runs" / "reference"
 UAV_METRICS = ("energy_efficiency_bit_per_joule", "rate_jfi", "load_jfi", "worst_rate_bps")
@@ -41,7 +39,6 @@ README_METRICS = (
 )
 CURVES = ("reward", "energy_efficiency_bit_per_joule", "rate_jfi", "load_jfi")
 CURVE_WINDOW = 50
-FIGURE_SOURCES = FIGURES / "sources.json"
 
 
 def coverage_sentence(results: Sequence[Result]) -> str:
@@ -285,31 +282,6 @@ def draw_studies() -> list[Path]:
     paths.append(FIGURES / "reference_training.png")
     draw_training(paths[-1])
     return paths
-
-
-def record_sources() -> Path:
-    """Record digests of every figure and of the data from which it was drawn."""
-    write_json(FIGURE_SOURCES, figure_digests())
-    return FIGURE_SOURCES
-
-
-def figure_digests() -> dict[str, dict[str, str]]:
-    """Digests of every committed figure and of its data, by the figure's name."""
-    drawn = [path for kind in ("png", "svg", "webp") for path in FIGURES.glob(f"*.{kind}")]
-    return {path.name: _digests(path) for path in sorted(drawn)}
-
-
-def _digests(figure: Path) -> dict[str, str]:
-    """Digests are compared, since redrawn PNG files differ between versions of libraries."""
-    own = [*RESULTS.glob(f"{figure.stem}.json"), *RESULTS.glob(f"torture/{figure.stem}.json")]
-    sources = own or [RESULTS / "uavs.json"]
-    if figure.name.startswith("reference"):
-        sources = [REFERENCE / key / "episodes.csv" for key in COMMANDS]
-    drawn_from = hashlib.sha256(b"".join(path.read_bytes() for path in sources))
-    return {
-        "figure": hashlib.sha256(figure.read_bytes()).hexdigest(),
-        "sources": drawn_from.hexdigest(),
-    }
 
 
 def draw_training(path: Path) -> None:

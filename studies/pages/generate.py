@@ -19,12 +19,14 @@ from studies.pages.batches import BATCHES_BLOCKS
 from studies.pages.claims import CLAIMS_BLOCKS
 from studies.pages.dependencies import DEPENDENCY_BLOCKS
 from studies.pages.deployment import draw_deployment
-from studies.pages.evaluation import BLOCKS, draw_studies, record_sources
+from studies.pages.evaluation import BLOCKS, draw_studies
+from studies.pages.figure_sources import record_sources
 from studies.pages.findings import FINDING_BLOCKS
 from studies.pages.flying import FLYING_BLOCKS, draw_flying
 from studies.pages.pendulum import PENDULUM_BLOCKS, draw_pendulum
 from studies.pages.planning import PLANNING_BLOCKS
 from studies.pages.results import RESULTS_BLOCKS
+from studies.pages.results_figures import RESULTS_FIGURES_BLOCKS, draw_reproduction
 from studies.pages.results_words import RESULTS_WORDS_BLOCKS
 from studies.pages.torture import TORTURE_BLOCKS
 from studies.pages.torture_fuzz import TORTURE_FUZZ_BLOCKS, draw_fleets
@@ -118,7 +120,7 @@ def pages() -> dict[Path, str]:
     }
     blocks = {**BLOCKS, **ABLATION_BLOCKS, **VALIDATION_BLOCKS, **FINDING_BLOCKS}
     blocks |= {**PENDULUM_BLOCKS, **BATCHES_BLOCKS, **FLYING_BLOCKS, **PLANNING_BLOCKS}
-    blocks |= {**CLAIMS_BLOCKS, **RESULTS_BLOCKS, **RESULTS_WORDS_BLOCKS}
+    blocks |= {**CLAIMS_BLOCKS, **RESULTS_BLOCKS, **RESULTS_WORDS_BLOCKS, **RESULTS_FIGURES_BLOCKS}
     blocks |= {**TORTURE_BLOCKS, **TORTURE_FUZZ_BLOCKS}
     blocks |= DEPENDENCY_BLOCKS
     for name, (path, content) in blocks.items():
@@ -129,9 +131,6 @@ def pages() -> dict[Path, str]:
 
 def main() -> None:
     """Write all pages and figures."""
-    for path, text in pages().items():
-        path.write_text(text, encoding="utf-8")
-        print(f"wrote {path.relative_to(ROOT)}")
     drawn = [
         draw_deployment(),
         *draw_studies(),
@@ -141,8 +140,12 @@ def main() -> None:
         draw_flying(),
         draw_fleets(),
         draw_flight(),
+        *draw_reproduction(),
     ]
     for path in [*drawn, record_sources()]:
+        print(f"wrote {path.relative_to(ROOT)}")
+    for path, text in pages().items():
+        path.write_text(text, encoding="utf-8")
         print(f"wrote {path.relative_to(ROOT)}")
 
 

@@ -37,11 +37,12 @@ def progress_block() -> str:
     trained = [key for key in TRAININGS if found.rows.get(key)]
     rows = [[f"`{key}`", f"{len(found.rows[key])} of {len(SEEDS)}"] for key in trained]
     dates = sorted({row.date for row in read_rows(ROWS)})
+    when = " to ".join(dict.fromkeys((dates[0], dates[-1])))
     done, wanted = sum(len(found.rows[key]) for key in trained), len(TRAININGS) * len(SEEDS)
     told = (
         f"{done} of {wanted} trainings have their row, {found.missing} rows of all are missing; "
         f"{found.hours} hours of one core "
-        f"so far ({', '.join(found.processors)}, {dates[0]} to {dates[-1]}, commits "
+        f"so far ({', '.join(found.processors)}, {when}, commits "
         f"{', '.join(f'`{commit[:7]}`' for commit in found.commits)})."
     )
     return f"{told}\n\n{table(['method', 'seeds'], rows, words=2)}"

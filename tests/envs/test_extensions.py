@@ -1,5 +1,6 @@
 """Parts of a lab's own: a channel, observations, a term of the reward."""
 
+import itertools
 import math
 import sys
 from types import ModuleType
@@ -22,7 +23,6 @@ from orchid_uav.agents.controllers.heuristics import (
 from orchid_uav.agents.controllers.planner import Planner
 from orchid_uav.envs import Parameters, WorldBatch, channel, make_vec_env, parallel_env
 from orchid_uav.envs.compilation import compiled, digest_of, specialised
-from orchid_uav.envs.diagnostics import Diagnostics
 from orchid_uav.envs.dynamics import step_worlds
 from orchid_uav.envs.metrics import LOAD_JFI, RATE_JFI
 from orchid_uav.notices import show_on_stderr
@@ -45,27 +45,20 @@ def rippled_path_loss_db(ground_distance_m, altitude_m, carrier_frequency_hz):
 
 
 class TestChannel:
-    @pytest.mark.parametrize(
-        "overrides", [{}, {"user_speed_mps": 10.0, "s_curve_a": 12.08, "carrier_frequency_hz": 5e9}]
-    )
-    def test_the_built_in_one_given_as_an_own_one_changes_the_last_digits_alone(self, overrides):
-        worlds = [
-            WorldBatch(Parameters().with_overrides(overrides), 5, 3, air_to_ground_path_loss_db=own)
-            for own in (None, channel.air_to_ground_path_loss_db)
-        ]
-        figures = []
-        for world in worlds:
-            generator, diagnostics = np.random.default_rng(1), Diagnostics(world)
-            world.reset()
-            diagnostics.begin()
-            for _ in range(20):
-                world.step(generator.uniform(-1, 1, (5, world.uav_count, 4)))
-                diagnostics.observe()
-            figures.append([diagnostics.episode_metrics(index) for index in range(5)])
-        for built_in, own in zip(*(world.arrays for world in worlds), strict=True):
-            np.testing.assert_allclose(built_in, own, rtol=1e-11, atol=1e-12)
-        for built_in, own in zip(*figures, strict=True):
-            assert own == pytest.approx(built_in, rel=1e-11)
+    def test_the_built_in_one_given_as_an_own_one_gets_all_of_its_parameters(self):
+        changed = {"carrier_frequency_hz": 5e9, "s_curve_a": 12.08, "s_curve_b": 0.11}
+        changed |= {"excess_loss_los_db": 1.6, "excess_loss_nlos_db": 23.0}
+        setting = independent.Setting(
+            carrier_hz=5e9, s_curve_a=12.08, s_curve_b=0.11, eta_los_db=1.6, eta_nlos_db=23.0
+        )
+        own = WorldBatch(
+            Parameters().with_overrides(changed),
+            air_to_ground_path_loss_db=channel.air_to_ground_path_loss_db,
+        )
+        compiled, _, link = own._own_path_loss
+        for ground_m, up_m in itertools.product((0.0, 40.0, 700.0), (30.0, 120.0)):
+            loss_db = independent.path_loss_db(setting, (ground_m, 0.0, up_m), (0.0, 0.0))
+            assert compiled(ground_m, up_m, *link) == pytest.approx(loss_db, rel=1e-9)
 
     @pytest.mark.parametrize("rule", ["mmf", "pf", "se"])
     def test_every_link_is_computed_as_plain_loops_do(self, monkeypatch, rule):

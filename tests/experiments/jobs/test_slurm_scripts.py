@@ -22,6 +22,7 @@ pytestmark = [
     pytest.mark.usefixtures("plain_environment", "torch_as_before"),
 ]
 
+REAL = pytest.mark.skipif("CLUSTER_TESTS" not in os.environ, reason="slow: make test-ray")
 SCRIPTS = Path(__file__).parents[3] / "examples" / "slurm"
 GIVE_UP_AFTER_S = 300.0
 
@@ -98,6 +99,28 @@ def test_a_script_says_what_slurm_and_the_shell_understand(script):
     assert (checked.returncode, checked.stderr) == (0, "")
 
 
+def test_a_job_that_was_stopped_before_its_limit_is_put_back_and_any_other_is_not(sbatch):
+    (sbatch.standin / "bin" / "orchid").write_text(
+        "#!/bin/sh\n"
+        'trap "exit 130" USR1\n'
+        f'echo "$@" > "{sbatch.standin}/told"\n'
+        'case "$2" in --jobs) shift 3 ;; esac\n'
+        'case "$1" in waits) while :; do sleep 0.05; done ;; esac\n'
+        'exit "$1"\n'
+    )
+    requeued = sbatch.standin / "scontrol"
+    for code in (0, 1, 2):
+        assert ended(sbatch("ablate.sbatch", str(code)))[0] == code
+    assert (sbatch.standin / "told").read_text() == "ablate --jobs 1 2\n"
+    assert not requeued.exists()
+    waiting = sbatch("ablate.sbatch", "waits")
+    until(lambda: "waits" in (sbatch.standin / "told").read_text(), waiting)
+    os.kill(int((sbatch.standin / "step").read_text()), signal.SIGUSR1)
+    assert ended(waiting)[0] == 130
+    assert requeued.read_text() == "requeue 17\n"
+
+
+@REAL
 def test_a_study_stops_before_the_limit_and_its_next_job_goes_on(sbatch, tmp_path):
     study = ["--no-rf", *[one.replace("--set", "--base") for one in TINY_FLAGS], "--seeds=0"]
     study += ["--base=checkpoint.every_episodes=5", "--topologies=2", "--episodes=100"]
@@ -121,7 +144,7 @@ def test_a_study_stops_before_the_limit_and_its_next_job_goes_on(sbatch, tmp_pat
         assert learned_files(path) == learned_files(whole.path)
 
 
-@pytest.mark.skipif("CLUSTER_TESTS" not in os.environ, reason="slow: make test-ray")
+@REAL
 def test_an_array_trains_the_runs_that_the_study_then_finds(sbatch, tmp_path):
     # The script trains the paper's run; this `orchid` makes it a tiny one.
     tiny = [*TINY_FLAGS, "--set=checkpoint.every_episodes=5"]

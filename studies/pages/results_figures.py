@@ -1,0 +1,70 @@
+"""The paper's figures that have all of their seeds, for docs/results.md."""
+
+import json
+import shutil
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+from orchid_uav.experiments.reproduction.figures.all_figures import draw_figures
+from orchid_uav.experiments.reproduction.needs import FIGURES as NEEDS
+from orchid_uav.experiments.reproduction.rows import read_rows
+from orchid_uav.experiments.reproduction.trainings import SEEDS, TRAININGS
+from orchid_uav.storage.files import write_json
+from studies.pages.markdown import FIGURES
+from studies.pages.results import PAGE, ROWS
+
+PREFIX = "reproduction_"
+WORDS = FIGURES / "reproduction.json"
+"""Titles, captions and descriptions; written with the figures, since drawing takes long."""
+
+
+def row_files(figure: str) -> list[Path]:
+    """The committed rows that one of the paper's figures is drawn from, such as "fig7"."""
+    return [path for method in NEEDS[figure] for path in sorted((ROWS / method).glob("*.json"))]
+
+
+def figure_of(path: Path) -> str:
+    """The paper's figure that a drawn file belongs to."""
+    return path.stem.removeprefix(PREFIX).partition("_")[0]
+
+
+def draw_reproduction() -> list[Path]:
+    """Draw the figures all of whose methods have all of their rows."""
+    complete = [figure for figure in NEEDS if _is_complete(figure)]
+    for former in FIGURES.glob(f"{PREFIX}*.svg"):
+        former.unlink()
+    paths, words = [], {}
+    with tempfile.TemporaryDirectory() as folder:
+        for drawn in draw_figures(list(read_rows(ROWS)), Path(folder), complete):
+            paths.append(FIGURES / f"{PREFIX}{drawn.path.name}")
+            shutil.move(drawn.path, paths[-1])
+            words[paths[-1].name] = {
+                "title": drawn.title,
+                "caption": drawn.caption,
+                "alternative": drawn.alternative,
+            }
+    write_json(WORDS, words)
+    return paths
+
+
+def figures_block() -> str:
+    """The figures with their captions."""
+    return "\n\n".join(_shown())
+
+
+def _shown() -> Iterator[str]:
+    for name, words in json.loads(WORDS.read_text("utf-8")).items():
+        yield f"### {words['title']}"
+        yield f"![{words['alternative']}](figures/{name})"
+        yield words["caption"]
+    if missing := [f"Fig. {key.removeprefix('fig')}" for key in NEEDS if not _is_complete(key)]:
+        yield f"Without all of their seeds so far: {', '.join(missing)}."
+
+
+def _is_complete(figure: str) -> bool:
+    found = {method: list((ROWS / method).glob("*.json")) for method in NEEDS[figure]}
+    return all(len(found[method]) >= (len(SEEDS) if method in TRAININGS else 1) for method in found)
+
+
+RESULTS_FIGURES_BLOCKS = {"results figures": (PAGE, figures_block)}
