@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from orchid_uav.storage.files import write_json
-from studies.recording import add_allow_changes, require_commit
+from studies.recording import add_recording_options, require_commit
 
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # malloc.h
 
@@ -30,7 +30,7 @@ def arguments_parser(description: str, repetitions: int) -> argparse.ArgumentPar
         default=repetitions,
         help="repetitions of each case (default: %(default)s)",
     )
-    add_allow_changes(parser)
+    add_recording_options(parser)
     return parser
 
 

@@ -12,7 +12,7 @@ import tempfile
 from pathlib import Path
 
 from orchid_uav.experiments.ablation.study import DOCUMENT_FILE
-from studies.recording import RESULTS, add_allow_changes, require_commit, write_result
+from studies.recording import RESULTS, add_recording_options, require_commit, write_result
 
 ABLATIONS: dict[str, tuple[str, ...]] = {
     "ablation_no_rf": ("--no-rf",),
@@ -43,7 +43,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("name", nargs="?", choices=ABLATIONS, metavar="ABLATION")
     parser.add_argument("--out", type=Path, help="directory of the study; needs a name")
-    add_allow_changes(parser)
+    add_recording_options(parser)
     arguments = parser.parse_args()
     if arguments.out and not arguments.name:
         parser.error("--out is the directory of one ablation: name the ablation")

@@ -19,7 +19,7 @@ from orchid_uav.experiments.runs.directory import RunDirectory
 from orchid_uav.experiments.training.listeners import Reporter
 from orchid_uav.experiments.training.loop import train
 from orchid_uav.storage.files import read_document
-from studies.recording import RESULTS, add_allow_changes, record, require_commit, write_result
+from studies.recording import RESULTS, add_recording_options, record, require_commit, write_result
 from studies.tuning import TOPOLOGIES, flown
 
 NAME = "batches"
@@ -84,10 +84,9 @@ def missing(rows: list[Mapping[str, Any]], seeds: int) -> Iterator[tuple[Case, i
 def main() -> None:
     """Train, fly and write."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--json", type=Path, default=RESULTS / f"{NAME}.json", metavar="FILE")
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--episodes", type=int, default=700)
-    add_allow_changes(parser)
+    add_recording_options(parser, RESULTS / f"{NAME}.json")
     options = parser.parse_args()
     require_commit(parser, options, options.json)
     settings = {

@@ -5,13 +5,12 @@ that circle the places where Phase I put them (``loiter-mmf``).
 """
 
 import argparse
-from pathlib import Path
 from typing import Any
 
 from orchid_uav.agents.controllers.heuristics import Loiter
 from orchid_uav.envs import evaluation_seeds, parallel_env
 from orchid_uav.experiments.provenance import describe_versions
-from studies.recording import RESULTS, add_allow_changes, require_commit, write_result
+from studies.recording import RESULTS, add_recording_options, require_commit, write_result
 
 RESULT = RESULTS / "deployment.json"
 
@@ -56,8 +55,7 @@ def fly() -> dict[str, Any]:
 def main() -> None:
     """Fly the episode and write the result."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--json", type=Path, default=RESULT, metavar="FILE")
-    add_allow_changes(parser)
+    add_recording_options(parser, RESULT)
     options = parser.parse_args()
     path = options.json
     require_commit(parser, options, path)

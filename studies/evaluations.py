@@ -17,7 +17,13 @@ import pyarrow.parquet as pq
 from orchid_uav.experiments.evaluation.directory import EPISODES_FILE, SUMMARY_FILE
 from orchid_uav.experiments.evaluation.flights import CEILING
 from orchid_uav.experiments.metrics import label_of
-from studies.recording import ONE_THREAD, RESULTS, add_allow_changes, require_commit, write_result
+from studies.recording import (
+    ONE_THREAD,
+    RESULTS,
+    add_recording_options,
+    require_commit,
+    write_result,
+)
 
 PLANNER_BUDGETS = (31, 100, 300, 1000, 3000, 10000)
 PAPER_AND_BOUNDS = (
@@ -94,7 +100,7 @@ def main() -> None:
     """Run all evaluations, or the named ones."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("names", nargs="*", metavar="STUDY")
-    add_allow_changes(parser)
+    add_recording_options(parser)
     arguments = parser.parse_args()
     if unknown := set(arguments.names) - set(STUDIES):
         parser.error(f"unknown: {', '.join(unknown)}; known: {', '.join(STUDIES)}")

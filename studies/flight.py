@@ -15,7 +15,7 @@ from orchid_uav.experiments.replay.document import ReplayDocument
 from orchid_uav.experiments.replay.flown import Topology, replay_of_flights
 from orchid_uav.experiments.replay.scene import unpack
 from orchid_uav.storage.files import write_atomically, write_json
-from studies.recording import RESULTS, ROOT, add_allow_changes, read, record, require_commit
+from studies.recording import RESULTS, ROOT, add_recording_options, read, record, require_commit
 
 NAME = "flight"
 METHODS = ("orchid-distilled", "balanced-loiter")
@@ -54,7 +54,7 @@ def draw_flight(path: Path = PICTURE) -> Path:
 def main() -> None:
     """Fly, write, and draw."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    add_allow_changes(parser)
+    add_recording_options(parser)
     options = parser.parse_args()
     path = RESULTS / f"{NAME}.json"
     require_commit(parser, options, path)

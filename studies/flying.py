@@ -24,7 +24,7 @@ from orchid_uav.experiments.evaluation.methods import Contender, read_policy, ro
 from orchid_uav.experiments.metrics import EVALUATION_METRICS
 from orchid_uav.experiments.statistics.intervals import summarise
 from orchid_uav.storage.files import read_document
-from studies.recording import RESULTS, add_allow_changes, record, require_commit, write_result
+from studies.recording import RESULTS, add_recording_options, record, require_commit, write_result
 
 NAME = "flying"
 TOPOLOGIES, EVALUATION_SEED = 100, 0
@@ -176,9 +176,8 @@ def main() -> None:
         parser.add_argument(
             f"--{preset}", type=Path, required=True, help=f"runs of --preset {preset}"
         )
-    parser.add_argument("--json", type=Path, default=RESULTS / f"{NAME}.json", metavar="FILE")
     parser.add_argument("--jobs", type=int, default=1)
-    add_allow_changes(parser)
+    add_recording_options(parser, RESULTS / f"{NAME}.json")
     options = parser.parse_args()
     require_commit(parser, options, options.json)
     runs = {

@@ -19,7 +19,7 @@ from orchid_uav.envs.seeds import evaluation_seeds
 from orchid_uav.experiments.evaluation.methods import Policy, read_policy
 from orchid_uav.experiments.reproduction.settings import EVALUATION_SEED
 from orchid_uav.experiments.runs.records import read_record
-from studies.recording import RESULTS, add_allow_changes, record, require_commit, write_result
+from studies.recording import RESULTS, add_recording_options, record, require_commit, write_result
 
 NAME = "movements"
 TOPOLOGIES = 20
@@ -93,8 +93,7 @@ def main() -> None:
         prog="python -m studies.movements", description=__doc__.splitlines()[0]
     )
     parser.add_argument("runs", type=Path, nargs="+", help="directories of runs")
-    parser.add_argument("--json", type=Path, default=RESULTS / f"{NAME}.json")
-    add_allow_changes(parser)
+    add_recording_options(parser, RESULTS / f"{NAME}.json")
     options = parser.parse_args()
     require_commit(parser, options, options.json)
     found = movements([run for directory in options.runs for run in directory.iterdir()])

@@ -4,14 +4,13 @@ Stock PPO on Gymnasium's pendulum with Reset-and-Finetune and without, from the 
 """
 
 import argparse
-from pathlib import Path
 from typing import Any
 
 import torch
 from examples.reset_any_model import Returns, train
 
 from orchid_uav.callbacks import ResetAndFinetune
-from studies.recording import RESULTS, add_allow_changes, record, require_commit, write_result
+from studies.recording import RESULTS, add_recording_options, record, require_commit, write_result
 
 RESULT = RESULTS / "pendulum.json"
 SETTINGS = {"window": 60, "tolerances": {"r": 0.1}, "kappa": 0.5}
@@ -36,8 +35,7 @@ def _rows(seen: Returns) -> dict[str, list[float]]:
 def main() -> None:
     """Train and write."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--json", type=Path, default=RESULT, metavar="FILE")
-    add_allow_changes(parser)
+    add_recording_options(parser, RESULT)
     options = parser.parse_args()
     require_commit(parser, options, options.json)
     torch.set_num_threads(1)

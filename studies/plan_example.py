@@ -10,7 +10,7 @@ from pathlib import Path
 
 from orchid_uav.cli.main import main as orchid
 from orchid_uav.storage.files import read_document, write_json
-from studies.recording import RESULTS, ROOT, add_allow_changes, record, require_commit
+from studies.recording import RESULTS, ROOT, add_recording_options, record, require_commit
 
 NAME = "plan_example"
 COMMAND = (
@@ -35,7 +35,7 @@ def map_of(report: str) -> str:
 def main() -> None:
     """Make the plan, and write."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    add_allow_changes(parser)
+    add_recording_options(parser)
     options = parser.parse_args()
     path = RESULTS / f"{NAME}.json"
     require_commit(parser, options, path)

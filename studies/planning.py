@@ -11,7 +11,6 @@ import warnings
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
-from pathlib import Path
 from time import perf_counter
 from typing import Any
 
@@ -27,7 +26,7 @@ from orchid_uav.experiments.planning.region import Region, region_of
 from orchid_uav.experiments.planning.search import search
 from orchid_uav.experiments.planning.site import Site
 from orchid_uav.storage.files import read_document
-from studies.recording import RESULTS, add_allow_changes, record, require_commit, write_result
+from studies.recording import RESULTS, add_recording_options, record, require_commit, write_result
 
 NAME = "planning"
 SITES, SMALL_SITES, STARTS = 30, 4, 10
@@ -192,9 +191,8 @@ def measure(kind: str, number: int) -> dict[str, Any]:
 def main() -> None:
     """Measure all sites, and write."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--json", type=Path, default=RESULTS / f"{NAME}.json", metavar="FILE")
     parser.add_argument("--jobs", type=int, default=1)
-    add_allow_changes(parser)
+    add_recording_options(parser, RESULTS / f"{NAME}.json")
     options = parser.parse_args()
     require_commit(parser, options, options.json)
     settings = {"times_s": TIMES_S, "default_s": DEFAULT_S, "cma_s": CMA_S, "starts": STARTS}

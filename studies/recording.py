@@ -29,8 +29,17 @@ ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 """Environment variables that keep a process to one core."""
 
 
-def add_allow_changes(parser: argparse.ArgumentParser) -> None:
-    """Add the option that every recording program has."""
+def add_recording_options(parser: argparse.ArgumentParser, result: Path | None = None) -> None:
+    """Add the options that recording programs share.
+
+    Args:
+        parser: of the program.
+        result: where its one result goes by default (``--json``); None where it has another way.
+    """
+    if result is not None:
+        parser.add_argument(
+            "--json", type=Path, default=result, metavar="FILE", help="where the result goes"
+        )
     parser.add_argument(
         "--allow-changes",
         action="store_true",
@@ -45,7 +54,7 @@ def require_commit(
 
     Args:
         parser: the parser that reports the error.
-        options: parsed options, with that of :func:`add_allow_changes`.
+        options: parsed options, with that of :func:`add_recording_options`.
         path: where the result will be written; only folders in ``RECORDS`` are committed.
     """
     if options.allow_changes or path is None:

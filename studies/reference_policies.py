@@ -21,7 +21,7 @@ from orchid_uav.envs import Parameters
 from orchid_uav.experiments.evaluation.flights import Plan, Setting, evaluate
 from orchid_uav.experiments.evaluation.methods import COMMANDS, read_policy, rows_of
 from orchid_uav.storage.files import sealed, write_json
-from studies.recording import add_allow_changes, require_commit
+from studies.recording import add_recording_options, require_commit
 
 REFERENCE = Path(__file__).parent.parent / "runs" / "reference"
 KEPT_FILES = ("config.json", "episodes.csv", WEIGHTS_FILE, DESCRIPTION_FILE)
@@ -73,7 +73,7 @@ def main() -> None:
     parser.add_argument("keys", nargs="*", metavar="KEY")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--fly-alone", action="store_true", help="train nothing, fly again")
-    add_allow_changes(parser)
+    add_recording_options(parser)
     arguments = parser.parse_args()
     if unknown := set(arguments.keys) - set(COMMANDS):
         parser.error(f"unknown: {', '.join(unknown)}; known: {', '.join(COMMANDS)}")

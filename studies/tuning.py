@@ -31,7 +31,7 @@ from orchid_uav.experiments.runs.directory import RunDirectory
 from orchid_uav.experiments.training.listeners import Reporter
 from orchid_uav.experiments.training.loop import train
 from orchid_uav.storage.files import read_document
-from studies.recording import RESULTS, add_allow_changes, record, require_commit, write_result
+from studies.recording import RESULTS, add_recording_options, record, require_commit, write_result
 
 NAME = "tuning"
 FIRST_SEED = 9001
@@ -167,12 +167,11 @@ def goes_on_with(before: dict[str, Any], settings: dict[str, Any]) -> bool:
 def main() -> None:
     """Search, and write the log after every run."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--json", type=Path, default=RESULTS / f"{NAME}.json", metavar="FILE")
     parser.add_argument("--trials", type=int, default=7, help="without the later ones")
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--episodes", type=int, default=200)
     parser.add_argument("--jobs", type=int, default=1)
-    add_allow_changes(parser)
+    add_recording_options(parser, RESULTS / f"{NAME}.json")
     options = parser.parse_args()
     require_commit(parser, options, options.json)
     settings = {

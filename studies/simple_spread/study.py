@@ -20,7 +20,7 @@ from typing import Any
 from studies.recording import (
     ONE_THREAD,
     RESULTS,
-    add_allow_changes,
+    add_recording_options,
     record,
     require_commit,
     write_result,
@@ -226,9 +226,8 @@ def main() -> None:
     parser.add_argument("--runs", type=Path, default=ROOT / "runs" / "validation")
     parser.add_argument("--seeds", type=int, default=SEEDS)
     parser.add_argument("--jobs", type=int, default=2, help="runs at a time, one core each")
-    parser.add_argument("--json", type=Path, default=RESULTS / "validation.json")
     add_pythons(parser)
-    add_allow_changes(parser)
+    add_recording_options(parser, RESULTS / "validation.json")
     arguments = parser.parse_args()
     require_commit(parser, arguments, arguments.json)
     pythons = chosen_pythons(arguments)

@@ -12,12 +12,18 @@ import re
 import sys
 from collections.abc import Iterable
 from importlib.metadata import version
-from pathlib import Path
 from typing import Any
 
 from packaging.version import Version
 
-from studies.recording import RESULTS, ROOT, add_allow_changes, record, require_commit, write_result
+from studies.recording import (
+    RESULTS,
+    ROOT,
+    add_recording_options,
+    record,
+    require_commit,
+    write_result,
+)
 from studies.supply_chain.tested import pins
 
 RESULT = RESULTS / "audit.json"
@@ -95,8 +101,7 @@ def pinned_everywhere() -> list[tuple[str, str]]:
 def main() -> int:
     """Look up all pins and write what was found; 1 if anything is left open."""
     parser = argparse.ArgumentParser(prog="studies.supply_chain.audit", description=__doc__)
-    parser.add_argument("--json", type=Path, default=RESULT)
-    add_allow_changes(parser)
+    add_recording_options(parser, RESULT)
     options = parser.parse_args()
     require_commit(parser, options, options.json)
     pinned = pinned_everywhere()

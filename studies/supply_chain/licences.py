@@ -19,7 +19,14 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 from orchid_uav.python_version import OLDEST
-from studies.recording import RESULTS, ROOT, add_allow_changes, record, require_commit, write_result
+from studies.recording import (
+    RESULTS,
+    ROOT,
+    add_recording_options,
+    record,
+    require_commit,
+    write_result,
+)
 
 RESULT = RESULTS / "licences.json"
 PERMISSIVE = (
@@ -191,8 +198,7 @@ def bundled() -> list[dict[str, Any]]:
 def main() -> int:
     """Write the table; 1 if a licence in it is not accepted."""
     parser = argparse.ArgumentParser(prog="studies.supply_chain.licences", description=__doc__)
-    parser.add_argument("--json", type=Path, default=RESULT)
-    add_allow_changes(parser)
+    add_recording_options(parser, RESULT)
     options = parser.parse_args()
     require_commit(parser, options, options.json)
     packages = rows(read_metadata(ROOT / "constraints.txt"))

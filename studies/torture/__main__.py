@@ -11,7 +11,7 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from studies.recording import RESULTS, add_allow_changes, record, require_commit, write_result
+from studies.recording import RESULTS, add_recording_options, record, require_commit, write_result
 
 PARTS = {
     "kills": "SIGKILL at random moments",
@@ -33,7 +33,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--scale", type=float, default=1.0, help="share of everything (1)")
     parser.add_argument("--seed", type=int, default=0, help="of all that is drawn (0)")
     parser.add_argument("--json-dir", type=Path, default=RESULTS / "torture", metavar="DIRECTORY")
-    add_allow_changes(parser)
+    add_recording_options(parser)
     options = parser.parse_args(arguments)
     for part in options.parts:
         if part not in PARTS:
