@@ -12,6 +12,7 @@ import shutil
 import stat
 import struct
 import tempfile
+import warnings
 import zipfile
 import zlib
 from collections.abc import Mapping, Sequence
@@ -354,7 +355,14 @@ def _check_run(path: Path) -> None:
 def _unpack_file(archive: zipfile.ZipFile, name: str, expected: _File, target: Path) -> None:
     target.parent.mkdir(parents=True, exist_ok=True)
     digest, left = hashlib.sha256(), expected.size
-    with archive.open(name) as source, target.open("xb") as file:
+    with warnings.catch_warnings():
+        # Two files in one place, of which Python 3.14 lets the second be read with a warning.
+        warnings.simplefilter("error", UserWarning)
+        try:
+            source = archive.open(name)
+        except UserWarning as error:
+            raise ValueError(str(error)) from error
+    with source, target.open("xb") as file:
         while chunk := source.read(min(_CHUNK, left + 1)):
             left -= len(chunk)
             if left < 0:
