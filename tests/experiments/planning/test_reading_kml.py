@@ -92,16 +92,20 @@ def test_older_namespaces_and_prefixes(tmp_path):
 
 @pytest.mark.parametrize("driver", ["KML", "LIBKML"])
 def test_gdal_reads_and_writes_the_same_positions(tmp_path, driver):
+    if driver not in pyogrio.list_drivers():
+        pytest.skip("this build of GDAL has no such driver")
     path = tmp_path / "people.kml"
     places = np.array([[-62.7204, 17.3012], [-62.7199, 17.302], [-62.71, 17.3]])
+    # Before GDAL 3.12 its driver KML wrote the first two fields as name and description.
+    words = np.array(["a", "b", "c"], object)
     pyogrio.raw.write(
         path,
         geometry=shapely.to_wkb(shapely.points(places)),
         geometry_type="Point",
         crs="EPSG:4326",
         driver=driver,
-        field_data=[np.array([7, 8, 9], np.int32)],
-        fields=["people"],
+        field_data=[words, words, np.array([7, 8, 9], np.int32)],
+        fields=["Name", "Description", "people"],
     )
     table = read_people(path)
     assert table.coordinates == pytest.approx(places[:, ::-1], abs=1e-9)
