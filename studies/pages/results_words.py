@@ -35,7 +35,7 @@ _SAID: Mapping[str, str] = {
     "c16": "**From random starts everything ends worse, the reward too.** Beside starts from "
     "K-Means++, in the last 50 training episodes: reward {0}, which the paper has higher; energy "
     "efficiency {1} and load JFI {2}, lower as in the paper. Both spread more, as in the paper: "
-    "the coefficient of variation of energy efficiency {3}, the standard deviation of load JFI {4}.",
+    "energy efficiency's coefficient of variation {3}, load JFI's standard deviation {4}.",
     "c17": "**Max-min shares do not end as fair as proportional ones: they end fairer.** After "
     "1,000 episodes with three resets each, flown without noise: rate JFI {0}.",
     "c19": "**They raise the floor, as the paper says**: the worst user's rate {0} in the mean, "
