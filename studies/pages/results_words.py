@@ -27,8 +27,8 @@ _SAID: Mapping[str, str] = {
     "q3": "**A linear decay of the learning rates does as well, and so does a reset at a random "
     "moment.** With Reset-and-Finetune the policy has more utility than with a reset that leaves "
     "the learning rates as they are: {0}; not surely more than where they are lowered at the "
-    "plateau without a reset: {1}; and not by a margin that counts more than where the same happens "
-    "at a random episode, {2}, or where they fall linearly, {3}.",
+    "plateau without a reset: {1}; and not by a margin that counts more than where the same "
+    "happens at a random episode, {2}, or where they fall linearly, {3}.",
     "c4": "**Nothing is seen to fall late without Reset-and-Finetune.** From episodes 151 to 200 "
     "to the last 50, energy efficiency changes by {0} and load JFI by {3} without it, by {1} and "
     "{4} with it. At the end, with it less without it, energy efficiency {2} and load JFI {5}: "
