@@ -4,7 +4,7 @@ import statistics
 from collections import defaultdict
 from collections.abc import Mapping
 
-from orchid_uav.experiments.reproduction.checks import MARGINS, NEAREST
+from orchid_uav.experiments.reproduction.checks import MARGINS, NEAREST, VARIANCE_RATIO
 from orchid_uav.experiments.reproduction.job import RULES
 from orchid_uav.experiments.reproduction.needs import needed_for
 from orchid_uav.experiments.reproduction.report.effects import interval_text, mean_text
@@ -48,6 +48,10 @@ _SAID: Mapping[str, str] = {
     "c18": "**They do not have the higher energy efficiency**: {0} beside proportional shares.",
     "c21": "**They keep the UAVs further apart, by less than counts**: {0} to the nearest UAV, "
     f"where {MARGINS[NEAREST]:g} m had been set as the least that matters.",
+    "c27": "**Updates shrink by somewhat more than κ² says.** Variance of the 50 updates after the "
+    "reset over that of the 50 before, as a decimal logarithm beside κ²: {0} with κ = 0.5, "
+    "{1} with κ = 0.1. "
+    f"A factor of two, {MARGINS[VARIANCE_RATIO]:g}, had been set as what does not matter.",
     "c24": "**Whether walking users cost hovering energy efficiency hangs on how they walk.** With "
     "new headings every second users hardly get anywhere: {0} at 15 m/s. With headings of 20 s: "
     "{1}.",
