@@ -7,7 +7,7 @@ from orchid_uav.experiments.evaluation.methods import COMMANDS
 from orchid_uav.storage.files import write_json
 from studies.pages.evaluation import REFERENCE
 from studies.pages.markdown import FIGURES
-from studies.pages.results_figures import PREFIX, figure_of, row_files
+from studies.pages.results_figures import PREFIX, row_files
 from studies.recording import RESULTS
 
 FIGURE_SOURCES = FIGURES / "sources.json"
@@ -33,7 +33,7 @@ def figure_digests() -> dict[str, dict[str, str]]:
 
 def _sources(figure: Path) -> list[Path]:
     if figure.name.startswith(PREFIX):
-        return row_files(figure_of(figure))
+        return row_files(figure)
     if figure.name.startswith("reference"):
         return [REFERENCE / key / "episodes.csv" for key in COMMANDS]
     own = [*RESULTS.glob(f"{figure.stem}.json"), *RESULTS.glob(f"torture/{figure.stem}.json")]

@@ -6,7 +6,7 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-from orchid_uav.experiments.reproduction.figures.all_figures import draw_figures
+from orchid_uav.experiments.reproduction.figures.all_figures import draw_figures, figure_of
 from orchid_uav.experiments.reproduction.needs import FIGURES as NEEDS
 from orchid_uav.experiments.reproduction.rows import read_rows
 from orchid_uav.experiments.reproduction.trainings import SEEDS, TRAININGS
@@ -19,14 +19,10 @@ WORDS = FIGURES / "reproduction.json"
 """Titles, captions and descriptions; written with the figures, since drawing takes long."""
 
 
-def row_files(figure: str) -> list[Path]:
-    """The committed rows that one of the paper's figures is drawn from, such as "fig7"."""
+def row_files(drawn: Path) -> list[Path]:
+    """The committed rows that a figure of this page is drawn from."""
+    figure = figure_of(drawn.stem.removeprefix(PREFIX))
     return [path for method in NEEDS[figure] for path in sorted((ROWS / method).glob("*.json"))]
-
-
-def figure_of(path: Path) -> str:
-    """The paper's figure that a drawn file belongs to."""
-    return path.stem.removeprefix(PREFIX).partition("_")[0]
 
 
 def draw_reproduction() -> list[Path]:

@@ -37,7 +37,7 @@ _SAID: Mapping[str, str] = {
     "the twin: {0} where users stay, {1} where they walk.",
     "c28": "**Phase II does not mend errors of localisation.** Where Phase I sees users 150 m off, "
     "rate JFI is {4} beside the twin, which starts at the same wrong places.",
-    "c16": "**From random starts everything ends worse, the reward too.** Beside starts from "
+    "c16": "**From random starts training ends worse, in reward too.** Beside starts from "
     "K-Means++, in the last 50 training episodes: reward {0}, which the paper has higher; energy "
     "efficiency {1} and load JFI {2}, lower as in the paper. Both spread more, as in the paper: "
     "energy efficiency's coefficient of variation {3}, load JFI's standard deviation {4}.",

@@ -27,6 +27,7 @@ from orchid_uav.envs.dynamics import step_worlds
 from orchid_uav.envs.metrics import LOAD_JFI, RATE_JFI
 from orchid_uav.notices import show_on_stderr
 from tests.envs.test_diagnostics import begun, count_both
+from tests.envs.test_world import fly_both
 from tests.helpers import independent_network as independent
 
 assert orchid_uav.__version__
@@ -60,8 +61,11 @@ class TestChannel:
             loss_db = independent.path_loss_db(setting, (ground_m, 0.0, up_m), (0.0, 0.0))
             assert compiled(ground_m, up_m, *link) == pytest.approx(loss_db, rel=1e-9)
 
-    @pytest.mark.parametrize("rule", ["mmf", "pf", "se"])
-    def test_every_link_is_computed_as_plain_loops_do(self, monkeypatch, rule):
+    @pytest.fixture
+    def rippled(self, monkeypatch):
+        """The independent version has that channel too, but for what scales its rewards."""
+        best_bps = independent.best_rate(independent.Setting())
+        monkeypatch.setattr(independent, "best_rate", lambda setting: best_bps)
         monkeypatch.setattr(
             independent,
             "path_loss_db",
@@ -69,6 +73,21 @@ class TestChannel:
                 math.dist(uav_m[:2], user_m), uav_m[2], 2.4e9
             ),
         )
+
+    @pytest.mark.parametrize(
+        "overrides", [{}, {"user_speed_mps": 10.0}, {"network.shares": "se", "uav_count": 3}]
+    )
+    def test_every_slot_is_that_of_the_independent_version(self, rippled, overrides):
+        fly_both(
+            Parameters().with_overrides({**overrides, "carrier_frequency_hz": 2.4e9}),
+            seed=3,
+            slots=12,
+            progress=0.4,
+            air_to_ground_path_loss_db=rippled_path_loss_db,
+        )
+
+    @pytest.mark.parametrize("rule", ["mmf", "pf", "se"])
+    def test_every_link_is_computed_as_plain_loops_do(self, rippled, rule):
         overrides = {"network.shares": rule, "deployment.init": "random", "user_count": 40}
         overrides |= {"carrier_frequency_hz": 2.4e9}
         world, diagnostics = begun(

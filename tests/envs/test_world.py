@@ -1,5 +1,7 @@
 """The batched world against an independent scalar version, and what must hold of it."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -55,9 +57,11 @@ def setting_of(parameters: Parameters) -> independent.Setting:
     )
 
 
-def fly_both(parameters: Parameters, seed: int, slots: int, progress: float) -> None:
+def fly_both(
+    parameters: Parameters, seed: int, slots: int, progress: float, **extensions: Any
+) -> None:
     """Fly random actions and compare every slot with the independent version."""
-    world = WorldBatch(parameters, worlds=2, seed=seed)
+    world = WorldBatch(parameters, worlds=2, seed=seed, **extensions)
     world.set_progress(progress)
     world.reset()
     setting = setting_of(parameters)

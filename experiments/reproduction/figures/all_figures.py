@@ -8,6 +8,7 @@ from orchid_uav.experiments.reproduction.figures.convergence import Convergence,
 from orchid_uav.experiments.reproduction.figures.drawn import DISTRIBUTION_WORDS, DrawnFigure
 from orchid_uav.experiments.reproduction.figures.scaling import Axis, draw_scaling
 from orchid_uav.experiments.reproduction.figures.strategy import draw_strategy
+from orchid_uav.experiments.reproduction.job import HOVERING
 from orchid_uav.experiments.reproduction.needs import FIGURES
 from orchid_uav.experiments.reproduction.rows import Row
 from orchid_uav.experiments.reproduction.settings import Case
@@ -27,7 +28,7 @@ TRAINED = (
     Convergence(
         "fig7",
         "Fig. 7: training from random starts and from K-Means, users in hotspots",
-        ("orchid", "orchid-random-init"),
+        ("orchid", "orchid-random-init", *HOVERING),
     ),
 )
 """Fig. 3 and Fig. 7."""
@@ -49,15 +50,21 @@ def draw_figures(
     folder.mkdir(parents=True, exist_ok=True)
     seeds = len(QUICK_SEEDS if any(row.is_quick for row in rows) else SEEDS)
     drawn = [
-        *(draw_convergence(one, rows, seeds, folder) for one in TRAINED if _of(one.key) in wanted),
-        *(draw_scaling(one, rows, seeds, folder) for one in axes() if _of(one.key) in wanted),
+        *(
+            draw_convergence(one, rows, seeds, folder)
+            for one in TRAINED
+            if figure_of(one.key) in wanted
+        ),
+        *(draw_scaling(one, rows, seeds, folder) for one in axes() if figure_of(one.key) in wanted),
         *([draw_strategy(rows, seeds, folder)] if "fig8" in wanted else []),
     ]
-    return sorted((figure for figure in drawn if figure is not None), key=lambda one: _of(one.key))
+    return sorted(
+        (figure for figure in drawn if figure is not None), key=lambda one: figure_of(one.key)
+    )
 
 
-def _of(key: str) -> str:
-    """The paper's figure that one of ours belongs to."""
+def figure_of(key: str) -> str:
+    """The paper's figure, such as "fig4", that one of ours belongs to, such as "fig4_tcp"."""
     return key.partition("_")[0]
 
 
