@@ -122,7 +122,6 @@ class BareUpdates:
 
     def __init__(self, unit: str, plain: bool = False) -> None:
         config = configuration(unit, episodes=1, seed=0)
-        loop.set_up_torch(config.training.threads)
         env = FleetVecEnv(config.network_parameters, seed=None)
         model = loop.build_model(config, env)
         model.set_logger(Logger(folder=None, output_formats=[]))
@@ -238,7 +237,7 @@ def peak_memory_mib() -> dict[str, float]:
 def main() -> None:
     """Measure and report."""
     options = arguments("Cost of the learning loop, one thread.", repetitions=7)
-    with threadpool_limits(1):
+    with threadpool_limits(1), loop.torch_settings(1):
         bare = {unit: BareUpdates(unit) for unit in UNITS}
         cases: dict[str, Case] = {}
         for unit in UNITS:

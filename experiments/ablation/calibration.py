@@ -7,7 +7,7 @@ from stable_baselines3.common.logger import Logger
 from orchid_uav.envs.interfaces.sb3_vec_env import FleetVecEnv
 from orchid_uav.experiments.configuration import RunConfig
 from orchid_uav.experiments.errors import RunFailedError
-from orchid_uav.experiments.training.builders import build_model, set_up_torch
+from orchid_uav.experiments.training.builders import build_model, torch_settings
 
 _ROUNDS = 2
 
@@ -18,16 +18,16 @@ def seconds_per_episode(config: RunConfig) -> float:
     Raises:
         RunFailedError: training fails in the first episodes.
     """
-    set_up_torch(config.training.threads)
     worlds = config.training.worlds
     try:
-        env = FleetVecEnv(config.network_parameters, worlds, seed=None)
-        model = build_model(config, env)  # SB3 seeds the worlds here
-        model.set_logger(Logger(folder=None, output_formats=[]))
-        rows = worlds * config.network.episode_slots * env.agents_per_world
-        model.learn(rows, log_interval=None)  # type: ignore[arg-type]  # nothing is logged
-        began_s = time.perf_counter()
-        model.learn(_ROUNDS * rows, log_interval=None, reset_num_timesteps=False)  # type: ignore[arg-type]
-        return (time.perf_counter() - began_s) / (_ROUNDS * worlds)
+        with torch_settings(config.training.threads):
+            env = FleetVecEnv(config.network_parameters, worlds, seed=None)
+            model = build_model(config, env)  # SB3 seeds the worlds here
+            model.set_logger(Logger(folder=None, output_formats=[]))
+            rows = worlds * config.network.episode_slots * env.agents_per_world
+            model.learn(rows, log_interval=None)  # type: ignore[arg-type]  # nothing is logged
+            began_s = time.perf_counter()
+            model.learn(_ROUNDS * rows, log_interval=None, reset_num_timesteps=False)  # type: ignore[arg-type]
+            return (time.perf_counter() - began_s) / (_ROUNDS * worlds)
     except Exception as error:  # whatever a training run would record as its failure
         raise RunFailedError(f"{type(error).__name__} in the first episodes") from error

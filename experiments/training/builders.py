@@ -1,5 +1,9 @@
 """Builds the learner and the Reset-and-Finetune callback of a configuration."""
 
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import numpy as np
 import torch
 
@@ -109,12 +113,25 @@ def schedule_episodes(config: RunConfig) -> int:
     return config.training.schedule_episodes or config.training.episodes
 
 
-def set_up_torch(threads: int) -> None:
-    """Set the number of threads of this process, and turn denormal numbers off.
+@contextmanager
+def torch_settings(threads: int) -> Iterator[None]:
+    """Within, torch computes with so many threads and without denormal numbers.
 
     Adam's averages of vanishing gradients decay into denormals, numbers below 1e-38, with which
     the processor computes several times slower. If they are kept, the updates of a run take up to
-    half as long again (see docs/performance.md).
+    half as long again (see docs/performance.md). Both settings hold for the whole process, Python's
+    own floats included; afterwards they are what they were, for a program that trains and goes on.
     """
+    threads_before, kept_denormals = torch.get_num_threads(), _keeps_denormals()
     torch.set_num_threads(threads)
     torch.set_flush_denormal(True)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads_before)
+        torch.set_flush_denormal(not kept_denormals)
+
+
+def _keeps_denormals() -> bool:
+    """Whether this thread computes with denormal numbers, which torch does not tell."""
+    return sys.float_info.min / 2 > 0

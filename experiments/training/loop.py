@@ -34,7 +34,7 @@ from orchid_uav.experiments.training.builders import (
     build_reset_and_finetune,
     is_maddpg,
     schedule_episodes,
-    set_up_torch,
+    torch_settings,
 )
 from orchid_uav.experiments.training.checkpoints import STATE_ERRORS, CheckpointStore
 from orchid_uav.experiments.training.imitation import Imitation, build_dagger
@@ -132,7 +132,8 @@ def train(
     outcome = TrainingOutcome(run, is_restored=not run.is_resumed)
     try:
         with (
-            interruption_requests() if interruption is None else nullcontext(interruption) as noted
+            torch_settings(config.training.threads),
+            interruption_requests() if interruption is None else nullcontext(interruption) as noted,
         ):
             if config.training.algorithm == "dagger":
                 learned = _imitate(config, outcome, reporter, trackers, noted)
@@ -188,7 +189,6 @@ def _learn(
     watchers: Sequence[EpisodeCallback],
 ) -> LearnedPolicy:
     """Build the learner, restore it if the run is resumed, and train it; update ``outcome``."""
-    set_up_torch(config.training.threads)
     run = outcome.run
     _compile(config)
     # The worlds get no seed of their own: SB3 seeds them when it builds the model, together with
@@ -263,7 +263,6 @@ def _imitate(
     interruption: Interruption,
 ) -> LearnedPolicy:
     """As :func:`_learn`, for a learner that has no use for SB3."""
-    set_up_torch(config.training.threads)
     run, episodes = outcome.run, config.training.episodes
     _compile(config)
     learner = build_dagger(config)

@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any
 
 import hypothesis
-import torch
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
@@ -89,7 +88,6 @@ def _prepare(directory: Path) -> None:
     for path in sorted(plan.rglob("*"), reverse=True):
         path.rmdir() if path.is_dir() else path.unlink()
     plan.rmdir()
-    torch.set_flush_denormal(False)  # a training sets it, and hypothesis objects
     gc.collect()
     gc.freeze()  # or every forked process would copy what it only looks through
 

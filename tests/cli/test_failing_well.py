@@ -45,8 +45,6 @@ from tests.helpers.processes import (
     without_privileges,
 )
 
-pytestmark = pytest.mark.usefixtures("torch_as_before")
-
 TRAIN = ["train", *TINY_FLAGS, "--no-rf", "--quiet"]
 LATE = ["--set=ppo.actor_learning_rate=5", "--set=ppo.minibatch=rows"]
 """Diverges after some updates of several steps each."""

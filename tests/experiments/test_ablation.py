@@ -18,7 +18,6 @@ from types import SimpleNamespace
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich.console import Console
@@ -161,7 +160,6 @@ def study_in(path: Path, *arguments: str) -> SimpleNamespace:
         with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
             assert main([*STUDY, *arguments, f"--out={path}"]) == 0, err.getvalue()
         names = list(InThisProcess.names)
-    torch.set_flush_denormal(False)
     return SimpleNamespace(path=path, out=out.getvalue(), err=err.getvalue(), names=names)
 
 
@@ -415,16 +413,14 @@ class TestStatistics:
 
 class TestCalibration:
     @pytest.mark.parametrize("algorithm", ["mappo", "maddpg"])
-    def test_is_a_positive_time_and_leaves_no_files(
-        self, tmp_path, monkeypatch, algorithm, torch_as_before
-    ):
+    def test_is_a_positive_time_and_leaves_no_files(self, tmp_path, monkeypatch, algorithm):
         monkeypatch.chdir(tmp_path)
         config = tiny_config(training__algorithm=algorithm, training__worlds=2)
         began_s = time.perf_counter()
         assert 0.0 < seconds_per_episode(config) < (time.perf_counter() - began_s) / 4
         assert not list(tmp_path.iterdir())
 
-    def test_a_configuration_that_diverges_at_once_is_told(self, torch_as_before):
+    def test_a_configuration_that_diverges_at_once_is_told(self):
         with pytest.raises(RunFailedError, match="in the first episodes"):
             seconds_per_episode(tiny_config(ppo__actor_learning_rate=1e30))
 

@@ -29,8 +29,6 @@ from tests.helpers.processes import (
     tiny_config,
 )
 
-pytestmark = pytest.mark.usefixtures("torch_as_before")
-
 RUN = "20260101T000000Z-lab-s0-abcd"
 LOG = 123, "0" * 64
 FILES = {"state.json", "weights.safetensors", "replay.safetensors"}

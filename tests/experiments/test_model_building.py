@@ -1,6 +1,7 @@
 """A configuration reaches the learner number by number."""
 
 import random
+import sys
 
 import numpy as np
 import pytest
@@ -8,7 +9,11 @@ import torch
 
 from orchid_uav.envs.interfaces.sb3_vec_env import FleetVecEnv
 from orchid_uav.experiments.configuration import RunConfig
-from orchid_uav.experiments.training.builders import build_model, build_reset_and_finetune
+from orchid_uav.experiments.training.builders import (
+    build_model,
+    build_reset_and_finetune,
+    torch_settings,
+)
 
 UNUSUAL = RunConfig.model_validate(
     {
@@ -128,3 +133,32 @@ def test_defaults_are_table_i():
     assert (config.reset.window, config.reset.kappa, config.reset.max_resets) == (50, 0.5, 1)
     assert config.reset.tolerance_jfi == config.reset.tolerance_reward == 0.05
     assert config.training.episodes == 700
+
+
+class TestSettingsOfTorch:
+    """The process of a program that trains from Python is its own."""
+
+    @pytest.fixture(params=[True, False])
+    def flushed(self, request):
+        """Whether the program computes without denormal numbers anyway."""
+        if not torch.set_flush_denormal(request.param):
+            pytest.skip("torch cannot flush denormal numbers on this processor")
+        yield request.param
+        torch.set_flush_denormal(False)
+
+    @staticmethod
+    def in_force():
+        return torch.get_num_threads(), sys.float_info.min / 2 == 0
+
+    @pytest.mark.parametrize("error", [None, RuntimeError])
+    def test_hold_within_and_are_as_before_afterwards(self, flushed, error):
+        before = self.in_force()
+        assert before == (1, flushed)
+        try:
+            with torch_settings(threads=2):
+                assert self.in_force() == (2, True)
+                if error:
+                    raise error
+        except RuntimeError:
+            pass
+        assert self.in_force() == before

@@ -50,10 +50,7 @@ from tests.helpers.processes import (
     tiny_config,
 )
 
-pytestmark = [
-    pytest.mark.usefixtures("torch_as_before"),
-    pytest.mark.skipif(os.name != "posix", reason="fork and signals are POSIX"),
-]
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="fork and signals are POSIX")
 
 GIVE_UP_AFTER_S = 60.0
 

@@ -41,8 +41,6 @@ from tests.helpers.processes import (
     tiny_config,
 )
 
-pytestmark = pytest.mark.usefixtures("torch_as_before")
-
 GIVE_UP_AFTER_S = 60.0
 
 ALWAYS = {"reset__window": 2, "reset__tolerance_jfi": 1e9, "reset__tolerance_reward": 1e9}

@@ -141,7 +141,6 @@ def made(tmp_path_factory) -> Iterator[dict[str, list[Made]]]:
     torch.set_rng_state(generators[0])
     np.random.set_state(generators[1])  # noqa: NPY002
     random.setstate(generators[2])
-    torch.set_flush_denormal(False)
 
 
 @pytest.fixture

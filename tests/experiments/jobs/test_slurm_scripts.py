@@ -19,7 +19,7 @@ from tests.helpers.processes import TINY_FLAGS, Audience, learned_files, record_
 
 pytestmark = [
     pytest.mark.skipif(os.name != "posix", reason="Slurm is POSIX"),
-    pytest.mark.usefixtures("plain_environment", "torch_as_before"),
+    pytest.mark.usefixtures("plain_environment"),
 ]
 
 REAL = pytest.mark.skipif("CLUSTER_TESTS" not in os.environ, reason="slow: make test-ray")

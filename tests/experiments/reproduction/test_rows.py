@@ -23,7 +23,7 @@ CASES = [Case(Setting(uavs=2, users=12)), Case(Setting(uavs=3, users=12), sensin
 
 
 @pytest.fixture
-def small(monkeypatch, tmp_path, torch_as_before):
+def small(monkeypatch, tmp_path):
     """A campaign of one method with three topologies and two cases."""
     method = Training("orchid", SMALL, "small", "base", 0.1)
     known = {"orchid": method, "maddpg-pf": method}
