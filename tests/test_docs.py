@@ -18,7 +18,7 @@ from studies.deployment import RESULT, fly
 from studies.pages import ablation as ablations
 from studies.pages.evaluation import coverage_sentence
 from studies.pages.figure_sources import FIGURE_SOURCES, figure_digests
-from studies.pages.generate import configuration_page, pages
+from studies.pages.generate import PAGES, configuration_page, page
 from studies.pages.markdown import metrics_table
 from studies.recording import read_evaluation
 from tests.helpers.processes import TINY
@@ -40,9 +40,9 @@ ROOMS = (
 )
 
 
-@pytest.mark.parametrize("path", pages(), ids=lambda path: path.name)
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)
 def test_generated_pages_are_current(path):
-    assert path.read_text() == pages()[path], "run: make docs-data"
+    assert path.read_text(encoding="utf-8") == page(path), "run: make docs-data"
 
 
 def test_figures_were_drawn_from_what_is_committed():
@@ -198,11 +198,11 @@ class TestSite:
         assert 'src="figures/deployment.png"' in home and 'href="contributing.html"' in home
         version = re.search(r"^## .*", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)[0][3:]
         assert version in (tmp_path / "changelog.html").read_text(encoding="utf-8")
-        for page in tmp_path.glob("*.html"):
+        for shown in tmp_path.glob("*.html"):
             fetched = re.findall(
-                r'<(?:link|script|img)\b[^>]*?(?:href|src)="(http[^"]*)', page.read_text()
+                r'<(?:link|script|img)\b[^>]*?(?:href|src)="(http[^"]*)', shown.read_text()
             )
-            assert not fetched, page.name
+            assert not fetched, shown.name
 
     def test_dead_links_and_unknown_commands_fail(self, tmp_path):
         """Nothing of this kind is seen by readers of the site first."""

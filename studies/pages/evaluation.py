@@ -297,7 +297,7 @@ def draw_training(path: Path) -> None:
     draw_learning_curves(groups, path, CURVES, CURVE_WINDOW, title=title)
 
 
-BLOCKS = {
+EVALUATION_BLOCKS = {
     "commands": (ROOT / "docs" / "methods.md", commands_block),
     "tuning": (ROOT / "docs" / "methods.md", tuning_block),
     "planner budget": (ROOT / "docs" / "methods.md", planner_block),

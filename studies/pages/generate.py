@@ -5,7 +5,7 @@ Numbers come from the committed JSON files under ``studies/results`` and
 page differs from what this script makes of them.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,11 +19,12 @@ from studies.pages.batches import BATCHES_BLOCKS
 from studies.pages.claims import CLAIMS_BLOCKS
 from studies.pages.dependencies import DEPENDENCY_BLOCKS
 from studies.pages.deployment import draw_deployment
-from studies.pages.evaluation import BLOCKS, draw_studies
+from studies.pages.evaluation import EVALUATION_BLOCKS, draw_studies
 from studies.pages.figure_sources import record_sources
 from studies.pages.findings import FINDING_BLOCKS
 from studies.pages.flying import FLYING_BLOCKS, draw_flying
 from studies.pages.pendulum import PENDULUM_BLOCKS, draw_pendulum
+from studies.pages.performance import render as performance_page
 from studies.pages.planning import PLANNING_BLOCKS
 from studies.pages.results import RESULTS_BLOCKS
 from studies.pages.results_figures import RESULTS_FIGURES_BLOCKS, draw_reproduction
@@ -110,23 +111,40 @@ def replace_block(text: str, name: str, content: str) -> str:
     return f"{before}{begin}\n{content}\n{end}{after}"
 
 
-def pages() -> dict[Path, str]:
-    """Every generated page, by its file."""
-    from studies.pages.performance import render
+_WHOLE: Mapping[Path, Callable[[], str]] = {
+    ROOT / "docs" / "configuration.md": configuration_page,
+    ROOT / "docs" / "performance.md": performance_page,
+}
+_BLOCKS: Mapping[str, tuple[Path, Callable[[], str]]] = {
+    **EVALUATION_BLOCKS,
+    **ABLATION_BLOCKS,
+    **VALIDATION_BLOCKS,
+    **FINDING_BLOCKS,
+    **PENDULUM_BLOCKS,
+    **BATCHES_BLOCKS,
+    **FLYING_BLOCKS,
+    **PLANNING_BLOCKS,
+    **CLAIMS_BLOCKS,
+    **RESULTS_BLOCKS,
+    **RESULTS_WORDS_BLOCKS,
+    **RESULTS_FIGURES_BLOCKS,
+    **TORTURE_BLOCKS,
+    **TORTURE_FUZZ_BLOCKS,
+    **DEPENDENCY_BLOCKS,
+}
+PAGES: Sequence[Path] = (*_WHOLE, *dict.fromkeys(path for path, _ in _BLOCKS.values()))
+"""Every page that is generated, or has generated parts."""
 
-    texts = {
-        ROOT / "docs" / "configuration.md": configuration_page(),
-        ROOT / "docs" / "performance.md": render(),
-    }
-    blocks = {**BLOCKS, **ABLATION_BLOCKS, **VALIDATION_BLOCKS, **FINDING_BLOCKS}
-    blocks |= {**PENDULUM_BLOCKS, **BATCHES_BLOCKS, **FLYING_BLOCKS, **PLANNING_BLOCKS}
-    blocks |= {**CLAIMS_BLOCKS, **RESULTS_BLOCKS, **RESULTS_WORDS_BLOCKS, **RESULTS_FIGURES_BLOCKS}
-    blocks |= {**TORTURE_BLOCKS, **TORTURE_FUZZ_BLOCKS}
-    blocks |= DEPENDENCY_BLOCKS
-    for name, (path, content) in blocks.items():
-        text = texts.get(path) or path.read_text(encoding="utf-8")
-        texts[path] = replace_block(text, name, content())
-    return texts
+
+def page(path: Path) -> str:
+    """What one of :data:`PAGES` should say."""
+    if path in _WHOLE:
+        return _WHOLE[path]()
+    text = path.read_text(encoding="utf-8")
+    for name, (where, content) in _BLOCKS.items():
+        if where == path:
+            text = replace_block(text, name, content())
+    return text
 
 
 def main() -> None:
@@ -144,8 +162,8 @@ def main() -> None:
     ]
     for path in [*drawn, record_sources()]:
         print(f"wrote {path.relative_to(ROOT)}")
-    for path, text in pages().items():
-        path.write_text(text, encoding="utf-8")
+    for path in PAGES:
+        path.write_text(page(path), encoding="utf-8")
         print(f"wrote {path.relative_to(ROOT)}")
 
 
