@@ -1,8 +1,8 @@
 """What trained policies do once their exploration noise is gone.
 
-``python -m studies.movements RUNS`` flies every complete run in a directory of runs on held-out
-topologies, and describes how its UAVs move: how fast, whether on a straight line, on loops or not
-at all, and whether all of them in the same direction.
+``python -m studies.movements NAME RUNS`` flies every complete run in a directory of runs on
+held-out topologies, and describes how its UAVs move: how fast, whether on a straight line, on loops
+or not at all, and whether all of them in the same direction.
 """
 
 import argparse
@@ -21,7 +21,7 @@ from orchid_uav.experiments.reproduction.settings import EVALUATION_SEED
 from orchid_uav.experiments.runs.records import read_record
 from studies.recording import RESULTS, add_recording_options, record, require_commit, write_result
 
-NAME = "movements"
+FOLDER = RESULTS / "movements"
 TOPOLOGIES = 20
 LATE_SLOTS = 50
 STILL_MPS, LOOP_SHARE, LEAST_PATH_M = 0.05, 0.2, 20.0
@@ -92,15 +92,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         prog="python -m studies.movements", description=__doc__.splitlines()[0]
     )
+    parser.add_argument("name", help="the result goes to studies/results/movements/NAME.json")
     parser.add_argument("runs", type=Path, nargs="+", help="directories of runs")
-    add_recording_options(parser, RESULTS / f"{NAME}.json")
+    add_recording_options(parser)
     options = parser.parse_args()
-    require_commit(parser, options, options.json)
+    target = FOLDER / f"{options.name}.json"
+    require_commit(parser, options, target)
     found = movements([run for directory in options.runs for run in directory.iterdir()])
     settings = {"topologies": TOPOLOGIES, "late_slots": LATE_SLOTS, "seed": EVALUATION_SEED}
-    command = f"python -m studies.movements RUNS: {len(found)} runs of orchid reproduce"
+    command = (
+        f"python -m studies.movements {options.name} RUNS: {len(found)} runs of orchid reproduce"
+    )
     document = record(settings, command=command, runs=found)
-    write_result(options.json, document, ('{"method":',))
+    write_result(target, document, ('{"method":',))
     for one in found:
         print(one)
 

@@ -11,11 +11,11 @@ from orchid_uav.experiments.reproduction.report.effects import interval_text, me
 from orchid_uav.experiments.reproduction.result import JudgedClaim
 from orchid_uav.experiments.reproduction.trainings import SEEDS
 from orchid_uav.experiments.reproduction.verdicts import Judgement
+from studies.movements import FOLDER
 from studies.pages.markdown import recorded, table
 from studies.pages.results import PAGE, is_measured, result
-from studies.recording import read
+from studies.recording import ROOT, read
 
-_MOVEMENTS = "movements"
 _SAID: Mapping[str, str] = {
     "q1": "**The trained policy of the paper, flown without its noise, is worse than doing "
     "nothing.** Beside its twin: utility {0}, rate JFI {1}, worst user's rate {2}.",
@@ -78,10 +78,11 @@ def _difference(check: Judgement) -> str:
 
 def movements_block() -> str:
     """How trained policies move without noise."""
-    document = read(_MOVEMENTS)
+    documents = {path: read(f"movements/{path.stem}") for path in sorted(FOLDER.glob("*.json"))}
     by_method = defaultdict(list)
-    for one in document["runs"]:
-        by_method[one["method"]].append(one)
+    for document in documents.values():
+        for one in document["runs"]:
+            by_method[one["method"]].append(one)
     keys = ("speed_mps", "straightness", "still", "loops", "same_direction")
     rows = [
         [
@@ -93,14 +94,19 @@ def movements_block() -> str:
         for method, own in by_method.items()
     ]
     heads = ["method", "seeds", "speed (m/s)", "straightness", "still", "loop"]
-    settings = document["settings"]
+    [settings] = {tuple(document["settings"].items()) for document in documents.values()}
+    topologies, late_slots = dict(settings)["topologies"], dict(settings)["late_slots"]
+    origins = [
+        f"{recorded(document)}, `{document['command']}` → `{path.relative_to(ROOT).as_posix()}`."
+        for path, document in documents.items()
+    ]
     return (
         f"{table([*heads, 'same direction', 'off at the end (m)'], rows)}\n\n"
-        f"Means over seeds, {settings['topologies']} held-out topologies each; all but the last "
-        f"column over the last {settings['late_slots']} slots.\nStraightness is the distance "
+        f"Means over seeds, {topologies} held-out topologies each; all but the last "
+        f"column over the last {late_slots} slots.\nStraightness is the distance "
         "gained over the path flown; *still* and *loop* are shares of UAVs; *same\ndirection* is 1 "
         "where all UAVs of all topologies fly the same way, near 0 where each flies its own.\n\n"
-        f"{recorded(document)}, `{document['command']}` → `studies/results/{_MOVEMENTS}.json`."
+        + "\n".join(origins)
     )
 
 
