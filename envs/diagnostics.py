@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numba.extending import register_jitable
+from numpy.typing import NDArray
 
 from orchid_uav.envs.arrays import Constants, Floats, Worlds
 from orchid_uav.envs.association import link_power_w
@@ -179,7 +180,7 @@ def _inspect(
         metrics[world, 0] = energy_efficiency(
             worlds.metrics[world, SUM_RATE], power_w, constants.power_epsilon_w
         )
-        metrics[world, 1] = _mean_nearest_uav_m(worlds.positions_m[world])
+        metrics[world, 1] = _mean_nearest_uav_m(worlds.positions_m[world], worlds.in_service[world])
         metrics[world, 2] = _mean_snr_db(worlds.spectral_efficiency[world])
         metrics[world, 3] = _count_blocking_pairs(
             constants, worlds, world, scratch, own_path_loss_db
@@ -194,6 +195,8 @@ def _power_with_thrust_w(
     propulsion_w, transmit_w = 0.0, 0.0
     velocities = worlds.velocities_mps[world]
     for uav in range(len(velocities)):
+        if not worlds.in_service[world, uav]:
+            continue
         speed_squared, change_squared = 0.0, 0.0
         for axis in range(3):
             speed_squared += velocities[uav, axis] ** 2
@@ -206,20 +209,21 @@ def _power_with_thrust_w(
 
 
 @inlined
-def _mean_nearest_uav_m(positions_m: Floats) -> float:
-    """Mean over the UAVs of the distance to the nearest other one; NaN where there is none."""
-    uavs = len(positions_m)
-    total_m = 0.0
-    for uav in range(uavs):
+def _mean_nearest_uav_m(positions_m: Floats, in_service: NDArray[np.bool_]) -> float:
+    """Mean over the UAVs in service of the distance to the nearest other; NaN where none is."""
+    total_m, counted = 0.0, 0
+    for uav in range(len(positions_m)):
         nearest_squared = np.inf
-        for other in range(uavs):
-            if other != uav:
+        for other in range(len(positions_m)):
+            if other != uav and in_service[uav] and in_service[other]:
                 squared = 0.0
                 for axis in range(3):
                     squared += (positions_m[uav, axis] - positions_m[other, axis]) ** 2
                 nearest_squared = min(nearest_squared, squared)
-        total_m += np.sqrt(nearest_squared)
-    return total_m / uavs if uavs > 1 else np.nan
+        if nearest_squared < np.inf:
+            total_m += np.sqrt(nearest_squared)
+            counted += 1
+    return total_m / counted if counted else np.nan
 
 
 @inlined

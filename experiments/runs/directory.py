@@ -378,16 +378,16 @@ def _parsed(text: str) -> list[Row]:
     if header != ",".join(EPISODE_COLUMNS) or not lines or lines.pop():
         raise ValueError("the log of episodes has other columns, or ends in the middle of a row")
     rows = [
-        dict(zip(EPISODE_COLUMNS, map(_number, line.split(",")), strict=True)) for line in lines
+        dict(zip(EPISODE_COLUMNS, map(number_in, line.split(",")), strict=True)) for line in lines
     ]
     if [row["episode"] for row in rows] != list(range(1, len(rows) + 1)):
         raise ValueError("the log of episodes lacks some episodes")
     return rows
 
 
-def _number(text: str) -> float:
+def number_in(cell: str) -> float:
     """A cell's number; NaN where it is empty, as its column does not apply to the learner."""
-    return float(text) if text else math.nan
+    return float(cell) if cell else math.nan
 
 
 def _formatted(row: Mapping[str, float]) -> list[str]:

@@ -22,6 +22,7 @@ from orchid_uav.experiments.runs.directory import (
     FINAL_EPISODES,
     Row,
     final_metrics,
+    number_in,
 )
 from orchid_uav.experiments.runs.records import (
     CHECKPOINTS_FOLDER,
@@ -218,7 +219,7 @@ def read_log(run: Run) -> list[Row]:
 
 def _rows(lines: Sequence[str]) -> list[Row]:
     cells = (line.split(",") for line in lines)
-    return [dict(zip(EPISODE_COLUMNS, map(float, row), strict=True)) for row in cells]
+    return [dict(zip(EPISODE_COLUMNS, map(number_in, row), strict=True)) for row in cells]
 
 
 def is_number(value: Any) -> bool:

@@ -310,8 +310,9 @@ class TestUtility:
 class TestThrust:
     NAME = "thrust_energy_efficiency_bit_per_joule"
 
-    def test_hovering_costs_none(self):
-        world, diagnostics = begun({"network.user_speed_mps": 5.0})
+    @pytest.mark.parametrize("failures", [[], ["1@0", "2@3"]])
+    def test_hovering_costs_none(self, failures):
+        world, diagnostics = begun({"network.user_speed_mps": 5.0, "failures": failures})
         for _ in range(5):
             world.step(np.zeros((1, 6, 4)))
             diagnostics.observe()
@@ -395,6 +396,15 @@ class TestNearestUav:
                 expected[index] += distances_m.min(axis=1).mean() / 2
         measured = [diagnostics.episode_metrics(index)["nearest_uav_m"] for index in range(2)]
         np.testing.assert_allclose(measured, expected, rtol=1e-12)
+
+    def test_counts_only_uavs_in_service(self):
+        world, diagnostics = begun({"uav_count": 4, "failures": ["1@0"]})
+        world.step(np.zeros((1, 4, 4)))
+        diagnostics.observe()
+        left_m = np.delete(world.arrays.positions_m[0], 1, axis=0)
+        distances_m = cdist(left_m, left_m) + np.diag(np.full(3, np.inf))
+        expected_m = distances_m.min(axis=1).mean()
+        assert diagnostics.episode_metrics(0)["nearest_uav_m"] == pytest.approx(expected_m)
 
     def test_counts_altitude(self):
         world, diagnostics = begun({"uav_count": 2})
