@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console
 
+from orchid_uav.agents.imitation.tasks import DRAWN
 from orchid_uav.cli import completion
 from orchid_uav.cli.console import (
     INTERRUPTED,
@@ -55,6 +56,7 @@ if TYPE_CHECKING:
     from orchid_uav.experiments.runs.directory import RunDirectory
     from orchid_uav.experiments.training.loop import TrainingOutcome
 
+_FOR_REWARDS = ("training.center_rewards", "training.final_learning_rate_scale")
 _OF_NEW_RUNS = {
     "--preset": "preset",
     "--config": "config",
@@ -120,8 +122,9 @@ def train(
         show_on_stderr(with_notes=not quiet)
         out = console(stderr=as_json)
         if resume is None:
-            merged, _ = configuration(preset, config, assignments, flags)
+            merged, sources = configuration(preset, config, assignments, flags)
             _note_idle_flags(merged, flags)
+            _note_idle_keys(merged, sources)
             if spare_uavs := spare_uavs_note(merged):
                 print_note(spare_uavs)
         else:
@@ -172,6 +175,23 @@ def _note_idle_flags(config: RunConfig, flags: Mapping[str, Any]) -> None:
         )
     if "reset.kappa" in flags and not config.reset.enabled:
         print_note("--kappa has no effect: Reset-and-Finetune is off")
+
+
+def _note_idle_keys(config: RunConfig, sources: Mapping[str, str]) -> None:
+    """Tell of keys that were given and that DAgger does not heed."""
+    if config.training.algorithm != "dagger":
+        return
+    for keys, reason in (
+        (DRAWN, "DAgger draws them anew for every flight"),
+        (_FOR_REWARDS, "DAgger learns from no rewards, and has a schedule of its own"),
+    ):
+        given = [
+            f"--{FLAGS[key].name}" if key in FLAGS else key
+            for key in keys
+            if key in sources and not sources[key].startswith(("default", "preset ", "algorithm "))
+        ]
+        if given:
+            print_note(f"without effect on the training: {', '.join(given)} ({reason})")
 
 
 def _continuation(

@@ -123,7 +123,9 @@ class Dagger:
             task = draw_task(self.parameters, generator, self.variety)
             alike = min(WORLDS_ALIKE, self.worlds - first)
             world = WorldBatch(task, alike, int(generator.integers(2**63)))
-            self._fly(world, int(generator.integers(self.label_every)), observations, actions)
+            # Within the flight, so that each gives at least one example.
+            first_label = generator.integers(min(self.label_every, task.network.episode_slots))
+            self._fly(world, int(first_label), observations, actions)
             metrics += [world.episode_metrics(index) for index in range(alike)]
         self.examples.add(
             self.iteration, np.concatenate(observations), np.concatenate(actions), folder

@@ -35,11 +35,27 @@ class Variety(NamedTuple):
     """Share of flights in which a UAV fails."""
 
 
+DRAWN = (
+    "network.uav_count",
+    "network.user_count",
+    "network.failures",
+    "network.distribution",
+    "network.user_speed_mps",
+    "network.heading_hold_s",
+    "network.sensing_error_std_m",
+    "deployment.init",
+    "deployment.balanced_restarts",
+    "sensing.flight_error_std_m",
+    "sensing.delay_s",
+)
+"""Keys of the configuration that are drawn anew for every flight."""
+
+
 def draw_task(world: Parameters, generator: np.random.Generator, variety: Variety) -> Parameters:
     """The parameters of one flight.
 
     Args:
-        world: the configured network, from which everything else is taken.
+        world: the configured network, from which everything but :data:`DRAWN` is taken.
         generator: of the draw.
         variety: what is drawn.
     """
@@ -48,9 +64,11 @@ def draw_task(world: Parameters, generator: np.random.Generator, variety: Variet
     init = "balanced" if begins < variety.balanced else "kmeans"
     if begins > 0.5 * (1.0 + variety.balanced):
         init = "random"
+    users = int(generator.integers(variety.users[0], variety.users[1] + 1))
     values: dict[str, Any] = {
         "network.uav_count": uavs,
-        "network.user_count": int(generator.integers(variety.users[0], variety.users[1] + 1)),
+        "network.user_count": max(users, uavs + len(world.gbs_positions_m)),
+        "network.failures": [],  # those of the configuration may name UAVs that are not there
         "network.distribution": "tcp" if generator.random() < variety.clustered else "uniform",
         "network.user_speed_mps": float(generator.uniform(*variety.speed_mps))
         if stands >= variety.standing

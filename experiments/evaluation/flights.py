@@ -228,14 +228,18 @@ class HeldOut:
             InputError: the method has no start there.
         """
         parameters = self._parameters.with_overrides(dict(contender.overrides))
-        # Of these, nothing affects what is drawn.
-        kind = parameters.model_dump_json(
-            exclude={
-                "reward": True,
-                "sensing": True,
-                "network": {"shares", "failures"},
-                "uav": {"flight", "station", "observation"},
-            }
+        # Of these, nothing affects what is drawn, but how balanced starts are judged: by the rates
+        # that the rule of shares gives.
+        kind = (
+            parameters.model_dump_json(
+                exclude={
+                    "reward": True,
+                    "sensing": True,
+                    "network": {"shares", "failures"},
+                    "uav": {"flight", "station", "observation"},
+                }
+            ),
+            parameters.share_rule if parameters.deployment.init == "balanced" else None,
         )
         if kind not in self._drawn:
             try:

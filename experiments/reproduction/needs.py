@@ -14,12 +14,12 @@ from orchid_uav.suggestions import unknown
 _PAPERS = ("orchid", "orchid-no-rf", "maddpg-mmf", "maddpg-pf")
 _SCALING = (*_PAPERS, "orchid-pf", "orchid-random-init", *RULES)
 FIGURES: dict[str, tuple[str, ...]] = {
-    "fig3": (*_PAPERS, "maddpg-mmf-paper", "maddpg-pf-paper", *HOVERING),
+    "fig3": (*_PAPERS, "orchid-uniform", "orchid-no-rf-uniform", *HOVERING),
     "fig4": _SCALING,
     "fig5": _SCALING,
     "fig6": (*_SCALING, "orchid-informed"),
     "fig7": ("orchid", "orchid-random-init", *HOVERING),
-    "fig8": ("orchid-long", "orchid-pf"),
+    "fig8": ("orchid-long", "orchid-pf", *HOVERING),
 }
 """Methods and rules of the paper's figures, by the figure's key."""
 KEYS = (*FIGURES, *(claim.key for claim in (*CLAIMS, *QUESTIONS)))

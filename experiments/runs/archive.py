@@ -43,9 +43,10 @@ LARGEST_RATIO = 200
 
 _CHECKPOINTS = "checkpoints/"
 _FILE = re.compile(
-    r"(run|config|policy|evaluation)\.json|episodes\.csv|policy\.safetensors"
+    r"(run|config|policy|evaluation|watched)\.json|episodes\.csv|policy\.safetensors"
     r"|events\.out\.tfevents\.[A-Za-z0-9._-]{1,200}"
     rf"|{_CHECKPOINTS}[0-9]{{1,9}}/[a-z_]{{1,40}}\.(json|safetensors)"
+    rf"|{_CHECKPOINTS}examples/[0-9]{{1,9}}\.safetensors"
 )
 _ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,149}")
 _CHUNK = 2**20

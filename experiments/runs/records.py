@@ -167,7 +167,7 @@ def status_of(path: Path, record: RunRecord) -> SeenStatus:
 
 def has_checkpoint(path: Path) -> bool:
     """Whether the run has a checkpoint to resume from."""
-    return any((path / CHECKPOINTS_FOLDER).glob("*/"))
+    return any(one.name.isdecimal() for one in (path / CHECKPOINTS_FOLDER).glob("*/"))
 
 
 def resume_command(path: Path) -> list[str]:

@@ -6,7 +6,7 @@ import pytest
 from orchid_uav.agents.deployed_actor import LocalActor
 from orchid_uav.agents.imitation.dagger import Dagger
 from orchid_uav.agents.imitation.examples import Examples, remove_shards
-from orchid_uav.agents.imitation.tasks import Variety, draw_task
+from orchid_uav.agents.imitation.tasks import DRAWN, Variety, draw_task
 from orchid_uav.envs import Parameters
 
 STUDENT = {
@@ -40,6 +40,31 @@ class TestTasks:
         ):
             assert np.mean([share(task) for task in drawn]) == pytest.approx(wanted, abs=0.1)
         assert all(task.uav == world.uav for task in drawn)
+
+    def test_no_configured_failure_and_no_number_of_masts_makes_one_impossible(self):
+        masts = [[20.0 * index, 50.0] for index in range(45)]
+        world = Parameters().with_overrides(
+            {**STUDENT, "network.failures": ["5@3"], "gbs.positions_m": masts}
+        )
+        generator = np.random.default_rng(0)
+        drawn = [draw_task(world, generator, Variety(failing=0.0)) for _ in range(200)]
+        assert all(not task.network.failures for task in drawn)
+        assert min(task.network.user_count for task in drawn) >= 49
+
+    def test_they_differ_in_nothing_but_what_is_said_to_be_drawn(self):
+        def flat(task):
+            return {
+                f"{section}.{key}": value
+                for section, values in task.model_dump().items()
+                for key, value in values.items()
+            }
+
+        world = Parameters().with_overrides(STUDENT)
+        generator, base, changed = np.random.default_rng(0), flat(world), set()
+        for _ in range(50):
+            task = flat(draw_task(world, generator, Variety()))
+            changed |= {key for key in task if task[key] != base[key]}
+        assert changed == set(DRAWN)
 
 
 class TestExamples:
@@ -87,6 +112,12 @@ class TestExamples:
 
 
 class TestDagger:
+    def test_every_flight_gives_examples_however_seldom_they_are_taken(self):
+        learner = student(label_every=1000)
+        for iteration in range(1, 5):
+            learner.iterate()
+            assert learner.examples.total >= iteration * TINY["worlds"]
+
     def test_it_learns_what_the_teacher_does(self):
         learner = student()
         losses = []

@@ -32,8 +32,20 @@ from orchid_uav.experiments import interruption
 from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.evaluation import directory as evaluation_files
 from orchid_uav.experiments.evaluation import flights as evaluation
-from orchid_uav.experiments.evaluation.flights import Plan, Setting, evaluate, summarise_flights
-from orchid_uav.experiments.evaluation.methods import known_methods, read_policy, rules, select
+from orchid_uav.experiments.evaluation.flights import (
+    HeldOut,
+    Plan,
+    Setting,
+    evaluate,
+    summarise_flights,
+)
+from orchid_uav.experiments.evaluation.methods import (
+    known_methods,
+    method_overrides,
+    read_policy,
+    rules,
+    select,
+)
 from orchid_uav.experiments.figures import evaluation_figures as drawing
 from orchid_uav.experiments.metrics import EVALUATION_METRICS, HEADROOM, METRICS
 from orchid_uav.experiments.runs.records import find_run
@@ -247,6 +259,23 @@ def test_json_is_one_document_that_keeps_the_contract(evaluate_tiny, trained):
     assert [result["run"] for result in document["results"]][1:3] == [None, trained.name]
     assert [result["objective"] for result in document["results"]] == ["pf", "mmf", "mmf", "mmf"]
     assert document["settings"]["uavs"] == [2]
+
+
+def test_a_balanced_start_is_the_methods_own_whoever_is_drawn_first():
+    """It is chosen by the rates that the method's own shares give."""
+    objectives = {name: method_overrides(name, "balanced", "station") for name in ("mmf", "pf")}
+    contenders = {
+        name: rules()["static-mmf"].with_overrides(values) for name, values in objectives.items()
+    }
+    world, setting, seeds = Parameters(), Setting(users=100, uavs=4), evaluation_seeds(0, 5)
+    starts = []
+    for order in (("mmf", "pf"), ("pf", "mmf")):
+        held_out = HeldOut(world, setting, seeds)
+        drawn = {name: held_out.of(contenders[name])[1] for name in order}
+        starts.append({name: drawn[name].start_m for name in objectives})
+    for name in objectives:
+        np.testing.assert_array_equal(starts[0][name], starts[1][name])
+    assert (starts[0]["mmf"] != starts[0]["pf"]).any()
 
 
 def test_summary_agrees_with_the_episodes(evaluate_tiny, tmp_path):

@@ -1,9 +1,13 @@
 """Which methods figures and claims need."""
 
+from collections import defaultdict
+
 import pytest
 
 from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.reproduction.claims import CLAIMS, QUESTIONS
+from orchid_uav.experiments.reproduction.figures import strategy
+from orchid_uav.experiments.reproduction.figures.all_figures import TRAINED, figure_of
 from orchid_uav.experiments.reproduction.job import HOVERING, RULES
 from orchid_uav.experiments.reproduction.needs import (
     FIGURES,
@@ -41,6 +45,15 @@ def test_a_claim_needs_what_it_compares(key, needed):
 
 def test_needs_add_up():
     assert needed_for(["c24", "c7"]) == {"static-pf", "maddpg-mmf", "maddpg-pf"}
+
+
+def test_a_figure_needs_what_it_draws():
+    drawn = defaultdict(set)
+    for one in TRAINED:
+        drawn[figure_of(one.key)] |= {*one.methods}
+    drawn["fig8"] = {*strategy.NAMES}
+    for figure, methods in drawn.items():
+        assert {*FIGURES[figure]} == methods
 
 
 @pytest.mark.parametrize("key", [*FIGURES, *(claim.key for claim in (*CLAIMS, *QUESTIONS))])
