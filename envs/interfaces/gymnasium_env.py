@@ -18,7 +18,7 @@ Rows = NDArray[np.float32]
 
 
 class FleetEnv(gymnasium.Env[Rows, Rows]):
-    """Joint problem: observation (N, 16), action (N, 4), reward the mean over UAVs.
+    """Joint problem: observation (N, O), action (N, 4), reward the mean over UAVs.
 
     ``info["metrics"]`` holds the slot's fleet metrics, and at the end ``info["episode_metrics"]``
     the episode's. The keywords are those of :func:`orchid_uav.envs.parallel_env`.

@@ -84,7 +84,7 @@ def parallel_env(**keywords: Any) -> FleetParallelEnv:
 def make_vec_env(worlds: int = 1, seed: int | None = 0, **keywords: Any) -> "FleetVecEnv":
     """An SB3 ``VecEnv`` that steps all worlds at once, a row per UAV.
 
-    Row = world·N + UAV. Observations are {"observation": (rows, 16), "state": (rows, S)}.
+    Row = world·N + UAV. Observations are {"observation": (rows, O), "state": (rows, S)}.
 
     Args:
         worlds: number of parallel worlds.

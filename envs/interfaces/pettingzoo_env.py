@@ -55,7 +55,7 @@ class FleetParallelEnv(ParallelEnv[str, Observation, Observation]):
         self.action_spaces = {agent: action_space() for agent in self.possible_agents}
 
     def observation_space(self, agent: str) -> spaces.Box:
-        """Box (16,), see :func:`orchid_uav.envs.interfaces.spaces.observation_space`."""
+        """Box (O,), see :func:`orchid_uav.envs.interfaces.spaces.observation_space`."""
         return self.observation_spaces[agent]
 
     def action_space(self, agent: str) -> spaces.Box:

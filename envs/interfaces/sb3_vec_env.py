@@ -24,7 +24,7 @@ Rows = dict[str, NDArray[np.float32]]
 class FleetVecEnv(VecEnv):
     """B worlds × N UAVs as B·N rows, row = world·N + UAV, stepped as one batch.
 
-    Observations are {"observation": (B·N, 16), "state": (B·N, S)}, the state being the same for
+    Observations are {"observation": (B·N, O), "state": (B·N, S)}, the state being the same for
     the rows of a world. A finished episode is a truncation: its rows' infos carry
     ``TimeLimit.truncated``, ``terminal_observation`` and the fleet's ``episode_metrics``; other
     infos are empty.

@@ -17,7 +17,7 @@ _ROUNDING = 1e-6
 
 
 def observation_space(parameters: Parameters, own_size: int | None = None) -> spaces.Box:
-    """Local observation (16,), float32; see ``OBSERVATION_NAMES``, or ``INFORMED_NAMES``.
+    """Local observation (O,), float32; see ``OBSERVATION_NAMES``, or ``INFORMED_NAMES``.
 
     Of the paper's, everything lies in [0, 1] but the nearest user's distance, at most the
     diagonal, and the backhaul's margin, whose bounds are those at the nearest and the farthest

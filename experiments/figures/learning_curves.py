@@ -29,19 +29,15 @@ from orchid_uav.experiments.figures.style import (
 )
 from orchid_uav.experiments.metrics import METRICS, heading_of
 from orchid_uav.experiments.statistics.curves import (
-    CONFIDENCE,
     DEFAULT_COLUMNS,
     MIN_RUNS,
     WINDOW,
     Curve,
     Row,
-    curve_table,
     group_curve,
     single_curve,
-    smoothed,
 )
-
-__all__ = ["curve_table", "draw_learning_curves", "smoothed"]
+from orchid_uav.experiments.statistics.intervals import CONFIDENCE
 
 Groups = Mapping[str, Sequence[Sequence[Row]]]
 """The rows of each run, by the name of its group."""

@@ -27,13 +27,6 @@ _LOG_END_BYTES = 8192
 _ESCAPE_CODE = re.compile(r"\x1b(\[[0-9;?]*[ -/]*[@-~]|\][^\x07\x1b]*(\x07|\x1b\\)|.)")
 
 
-def usable_cores() -> int:
-    """Cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
-
-
 @contextmanager
 def readable_exit_codes() -> Iterator[None]:
     """Do not ignore SIGCHLD in this block: if it is ignored, every exit code reads as 0."""

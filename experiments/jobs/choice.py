@@ -1,6 +1,6 @@
 """Where jobs run: on this machine, or on a cluster."""
 
-from orchid_uav.experiments.jobs.child_process import usable_cores
+from orchid_uav.envs.threads import usable_cores
 from orchid_uav.experiments.jobs.executor import Executor
 from orchid_uav.experiments.jobs.local_processes import LocalProcesses
 

@@ -4,13 +4,13 @@ import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from orchid_uav.envs.threads import usable_cores
 from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.interruption import Interruption, Raising, interruption_requests
 from orchid_uav.experiments.jobs.child_process import (
     Child,
     describe_end,
     readable_exit_codes,
-    usable_cores,
 )
 from orchid_uav.experiments.jobs.executor import JobEnd, JobProgress, JobRun, TryEnd
 from orchid_uav.experiments.jobs.workload import Job

@@ -17,9 +17,10 @@ from typing import Any
 
 from filelock import FileLock
 
+from orchid_uav.envs.threads import usable_cores
 from orchid_uav.experiments.errors import InputError, RunFailedError
 from orchid_uav.experiments.interruption import Interruption, Raising, interruption_requests
-from orchid_uav.experiments.jobs.child_process import describe_end, usable_cores
+from orchid_uav.experiments.jobs.child_process import describe_end
 from orchid_uav.experiments.jobs.executor import JobEnd, JobProgress, JobRun, TryEnd
 from orchid_uav.experiments.jobs.local_processes import check_count
 from orchid_uav.experiments.jobs.ray_driver import AUTO, LOCAL, SECONDS_TO_LOOK

@@ -40,7 +40,7 @@ MARGINS = {
 hovering fleet's; 3 of reward 1 %; 0.3 of a decimal logarithm a factor of two."""
 SPREAD_MARGINS = {EFFICIENCY: 0.01, RATE: 0.01, LOAD: 0.01, REWARD: 1.0}
 """The same for spreads: of energy efficiency the coefficient of variation, of the others the
-standard deviation."""
+standard deviation; in C15 the mean distance from the median."""
 
 ORCHID, NO_RF = "orchid", "orchid-no-rf"
 PF_DDPG, MMF_DDPG = "maddpg-pf", "maddpg-mmf"

@@ -6,6 +6,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from orchid_uav.experiments.ablation.design import SETTLED
 from orchid_uav.experiments.reproduction.rows import FlownCase, Row
 from orchid_uav.experiments.reproduction.settings import Case
 from orchid_uav.experiments.reproduction.trainings import SEEDS
@@ -16,8 +17,6 @@ Statistic = Literal["mean", "std", "cv"]
 
 LAST = 50
 """Episodes at the end of a training that count as its result."""
-SETTLED = (151, 200)
-"""Episodes after which the paper sees performance fall."""
 EARLY = (1, 200)
 """Episodes that are called early."""
 BEFORE_RESET, AFTER_RESET = 50, 50
@@ -126,12 +125,6 @@ class Evidence:
             return float(np.sqrt(np.mean(steps**2) / 2.0))
 
         return self._of_curves(method, of)
-
-    def evaluated(self, method: str, metric: str, episodes: int) -> Floats:
-        """A metric of the deterministic policy on the way, after so many episodes."""
-        return self._of_curves(
-            method, lambda row: row.evaluations.get(str(episodes), {}).get(metric, np.nan)
-        )
 
     def update_variance_ratio(self, method: str) -> Floats:
         """log10 of Var(Δθ) after the first reset over that before it."""

@@ -75,7 +75,7 @@ class RowJob:
         if self.is_quick or self.seed is None or self.method not in TRAININGS:
             return 0.2
         training = TRAININGS[self.method]
-        each = _MINUTES_PER_CASE["station" if "informed" in self.method else "direct"]
+        each = _MINUTES_PER_CASE[training.config(self.seed).uav.flight]
         twins = 2 if self.seed == SEEDS[0] else 1
         return each * twins * len(flown_by(training.flown))
 

@@ -34,7 +34,6 @@ MIN_SEEDS = 5
 """With fewer seeds there is no interval, no equivalence and no least detectable effect."""
 FLIPS = 2**14
 """Sign patterns of the permutation test: all of them up to 14 pairs, else as many at random."""
-TEST = f"two-sided sign-flip permutation of the mean paired difference, at most {FLIPS} patterns"
 
 
 class SeedSummary(Document):

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from orchid_uav.envs.metrics import EPISODE_METRICS
 from orchid_uav.envs.seeds import RESAMPLING_SEED
 from orchid_uav.experiments.metrics import METRICS
+from orchid_uav.experiments.statistics.intervals import CONFIDENCE, RESAMPLES
 from orchid_uav.storage.documents import Document
 
 Row = Mapping[str, float]
@@ -29,8 +30,6 @@ DEFAULT_COLUMNS = (
 """Columns that are drawn by default."""
 MIN_RUNS = 5
 """With fewer runs there is no interval."""
-RESAMPLES = 2000
-CONFIDENCE = 0.95
 _EPISODES_AT_ONCE = 64
 _DIGITS = 6
 

@@ -11,7 +11,7 @@ from orchid_uav.experiments.statistics.results import EvaluationResult
 from studies.pages.ablation import CONTROLS, NAME, above_doing_nothing, must_hold
 from studies.pages.flying import BOUND, LEARNED, RULE, TWIN, case_of, cases
 from studies.pages.markdown import ROOT
-from studies.recording import read_ablation, read_evaluation
+from studies.recording import read, read_ablation, read_evaluation
 
 WIDTH = 104
 _LANGUAGES = {".toml": "toml", ".py": "python"}
@@ -139,6 +139,7 @@ def _flying() -> str:
         0.0 < min(learned) < max(learned) < 0.002, "the learned policy is as good as the rule"
     )
     setting = late["setting"]
+    seeds = len(read("flying")["settings"]["training_seeds"][LEARNED])
     return (
         "**Learning earns its place where knowledge is wrong or old.** If an action moves the "
         "place that a drone circles, the rule *best response*, by which each drone improves its "
@@ -146,8 +147,9 @@ def _flying() -> str:
         f"{fastest[RULE]['utility']:.3f} where they walk at up to 15 m/s; its zero-action twin "
         f"{fastest[TWIN]['utility']:.3f}. A policy that learned from it is as good, and where "
         f"people's positions are {setting['sensing.flight_error_std_m']:g} m off and "
-        f"{setting['sensing.delay_s']:g} s old, better by {less[0]['mean']:.3f}, and by "
-        f"{less[1]['mean']:.3f} than a central search every five seconds. "
+        f"{setting['sensing.delay_s']:g} s old, better by {less[0]['mean']:.3f} in the "
+        f"mean of {seeds} trainings, and by {less[1]['mean']:.3f} than a central search every five "
+        "seconds. "
         "[What flies well](docs/flying.md)"
     )
 

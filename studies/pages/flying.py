@@ -212,9 +212,10 @@ def readme_block() -> str:
 
 
 def _methods_table(case: Case, names: Iterable[str]) -> str:
-    heads = [METRICS[name].heading for name in METRIC_NAMES]
+    shown = [name for name in METRIC_NAMES if name in next(iter(case["methods"].values()))]
+    heads = [METRICS[name].heading for name in shown]
     rows = [
-        [f"`{name}`", *_texts(case["methods"][name], METRIC_NAMES)]
+        [f"`{name}`", *_texts(case["methods"][name], shown)]
         for name in names
         if name in case["methods"]
     ]

@@ -1,7 +1,5 @@
 """Mission Planner's ``.waypoints`` files ("QGC WPL 110")."""
 
-from pathlib import Path
-
 from orchid_uav.experiments.planning.missions.items import Command, Frame, Mission, MissionItem
 from orchid_uav.experiments.planning.site import Place
 
@@ -47,8 +45,3 @@ def items_of(text: str) -> list[MissionItem]:
         command, params = Command(int(fields[3])), (first, second, third, fourth)
         items.append(MissionItem(command, params, place, altitude_m))
     return items
-
-
-def write_waypoints(path: Path, mission: Mission) -> None:
-    """Write a ``.waypoints`` file; equal missions give equal bytes."""
-    path.write_text(waypoints_text(mission), encoding="utf-8", newline="\n")

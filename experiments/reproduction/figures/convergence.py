@@ -37,12 +37,12 @@ from orchid_uav.experiments.reproduction.figures.drawn import (
 from orchid_uav.experiments.reproduction.rows import Row
 from orchid_uav.experiments.reproduction.settings import CURVE_TOPOLOGIES
 from orchid_uav.experiments.statistics.curves import (
-    CONFIDENCE,
     MIN_RUNS,
     Curve,
     group_curve,
     scale_of,
 )
+from orchid_uav.experiments.statistics.intervals import CONFIDENCE
 
 _PANEL_IN = 1.35
 _MARKERS = 6

@@ -228,8 +228,9 @@ def false_alarms(found: Sequence[FalseAlarms]) -> list[Markup]:
         element(
             "p",
             element("dfn", "Reset-and-Finetune"),
-            " is the paper's remedy for training that stands still: when the reward has not "
-            "changed by more than a tolerance over a window of episodes, it forgets the momentum "
+            " is the paper's remedy for training that stands still: when neither "
+            "fairness nor reward changes by more than a tolerance from one window of episodes to "
+            "the next, it forgets the momentum "
             "of learning and learns in smaller steps. Here nothing was learned at all, so that "
             "every firing is due to chance and to the places that happened to be drawn.",
         ),

@@ -40,11 +40,12 @@ def purpose() -> list[Markup]:
 def progress(document: Reproduction) -> list[Markup]:
     """How far it is: seeds that are there, rows that are missing."""
     wanted = len(document.seeds)
-    present = {key: len(document.rows.get(key, [])) for key in TRAININGS if key in document.rows}
+    present = {key: len(document.rows[key]) for key in TRAININGS if key in document.rows}
+    asked = [key for key in TRAININGS if key in present or _may_be_missing(key, document)]
     complete = sum(count >= wanted for count in present.values())
     seeds = f"{document.seeds[0]} to {document.seeds[-1]}" if document.seeds else "none"
     text = (
-        f"{complete} of {len(TRAININGS)} trainings have all of their {wanted} seeds ({seeds}); "
+        f"{complete} of {len(asked)} trainings have all of their {wanted} seeds ({seeds}); "
         f"each policy was flown over {document.topologies} topologies in every setting."
     )
     missing = (
@@ -68,10 +69,15 @@ def progress(document: Reproduction) -> list[Markup]:
     if document.status != "completed":
         parts.insert(0, element("p", f"Status: {document.status}.", class_="banner"))
     fewer = {key: count for key, count in present.items() if count < wanted}
-    absent = [key for key in TRAININGS if key not in present]
+    absent = [key for key in asked if key not in present]
     if fewer or absent:
         parts.append(_missing(fewer, absent, wanted))
     return parts
+
+
+def _may_be_missing(key: str, document: Reproduction) -> bool:
+    """Whether rows of this training can be among those that are missing."""
+    return document.missing > 0 and (TRAININGS[key].in_quick or not document.is_quick)
 
 
 def _missing(fewer: dict[str, int], absent: list[str], wanted: int) -> Markup:

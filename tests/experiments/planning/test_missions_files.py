@@ -15,7 +15,7 @@ from orchid_uav.experiments.planning.missions import ardupilot, px4
 from orchid_uav.experiments.planning.missions.items import Command, Firmware
 from orchid_uav.experiments.planning.missions.plan_file import items_of, write_plan
 from orchid_uav.experiments.planning.missions.waypoints_file import items_of as rows_of
-from orchid_uav.experiments.planning.missions.waypoints_file import waypoints_text, write_waypoints
+from orchid_uav.experiments.planning.missions.waypoints_file import waypoints_text
 from orchid_uav.experiments.planning.site import Place, Site
 from tests.helpers.fleets import planned, station_at, stations_in, surroundings_of
 from tests.helpers.vehicle import LoopbackVehicle
@@ -115,7 +115,7 @@ def test_mavsdk_and_pymavlink_read_waypoints_files(site, tmp_path):
     _, _, (_, _, fleet) = fleet_at(Firmware.ARDUPILOT, site, drones=1)
     (mission,) = fleet.missions
     path = tmp_path / "uav_0.waypoints"
-    write_waypoints(path, mission)
+    path.write_text(waypoints_text(mission), encoding="utf-8", newline="\n")
     # As for PX4: for ArduPilot, MAVSDK would put home before the home that is there.
     arrived = imported_by_mavsdk(Firmware.PX4, path)[MISSION]
     assert_arrived(arrived.pop(0), 16, 0, (0, 0, 0, 0), mission.home, 150.0)
@@ -213,7 +213,8 @@ def test_equal_missions_give_equal_bytes(tmp_path):
     for name in ("one", "two"):
         _, _, (_, _, fleet) = fleet_at(Firmware.ARDUPILOT, Site(SITES["north-east"]))
         write_plan(tmp_path / f"{name}.plan", fleet.documents[1])
-        write_waypoints(tmp_path / f"{name}.waypoints", fleet.missions[1])
+        path = tmp_path / f"{name}.waypoints"
+        path.write_bytes(waypoints_text(fleet.missions[1]).encode())
     for suffix in (".plan", ".waypoints"):
         written = [(tmp_path / f"{name}{suffix}").read_bytes() for name in ("one", "two")]
         assert written[0] == written[1]
