@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -138,82 +139,53 @@ COMMANDS: dict[str, tuple[str, ...]] = {
 """Arguments of ``orchid train`` with which each released policy was trained."""
 
 
+class _Rule(NamedTuple):
+    overrides: Mapping[str, Any]
+    make: Callable[[], Controller]
+    cost: float = 1.0
+    is_comparable: bool = True
+
+
 def rules(planner_evaluations: int = EVALUATIONS) -> dict[str, Contender]:
     """The methods that need no training, by key."""
     planning = 3.0 * planner_evaluations / 30.0
-    contenders = [
-        Contender("static-pf", RULE_IDEAS["static-pf"], _PF, lambda _: Hover()),
-        Contender("static-mmf", RULE_IDEAS["static-mmf"], _MMF, lambda _: Hover()),
-        Contender(
-            "static-pf-full-power",
-            RULE_IDEAS["static-pf-full-power"],
-            _PF,
-            lambda _: Hover(full_power=True),
-        ),
-        Contender(
-            "static-mmf-full-power",
-            RULE_IDEAS["static-mmf-full-power"],
-            _MMF,
-            lambda _: Hover(full_power=True),
-        ),
-        Contender("loiter-pf", RULE_IDEAS["loiter-pf"], _PF, lambda _: Loiter()),
-        Contender("loiter-mmf", RULE_IDEAS["loiter-mmf"], _MMF, lambda _: Loiter()),
-        Contender(
-            "balanced-loiter",
-            RULE_IDEAS["balanced-loiter"],
-            _MMF,
-            lambda _: BalancedLoiter(),
-            cost=6.0,
-        ),
-        Contender(
-            "track",
-            RULE_IDEAS["track"],
-            _MMF,
-            lambda _: Track(),
-            cost=3.0,
-        ),
-        Contender(
-            "planner",
-            RULE_IDEAS["planner"],
-            _MMF,
-            lambda _: Planner(planner_evaluations),
-            cost=planning,
-        ),
-        Contender(
-            "track-120", RULE_IDEAS["track-120"], _MMF, lambda _: Track(altitude_m=120.0), cost=3.0
-        ),
-        *_on_stations(),
-        Contender(
-            "balanced-loiter-retargeted",
-            RULE_IDEAS["balanced-loiter-retargeted"],
-            _MMF,
-            lambda _: BalancedLoiter(keeps_targets=False),
-            is_comparable=False,
-            cost=6.0,
-        ),
-        Contender(
-            "planner-retargeted",
-            RULE_IDEAS["planner-retargeted"],
-            _MMF,
-            lambda _: Planner(planner_evaluations, keeps_targets=False),
-            is_comparable=False,
-            cost=planning,
-        ),
-    ]
-    return {contender.key: contender for contender in contenders}
-
-
-def _on_stations() -> Iterable[Contender]:
-    """Rules on stations, each from both starts."""
-    rules_on_stations: dict[str, tuple[Callable[[], Controller], float]] = {
-        "balanced-loiter-120": (ZeroAction, 1.0),
-        "forces": (Forces, 2.0),
-        "best-response": (BestResponse, 15.0),
-        "receding-horizon": (RecedingHorizon, 50.0),
+    plan, full_power = partial(Planner, planner_evaluations), partial(Hover, full_power=True)
+    retarget = partial(BalancedLoiter, keeps_targets=False)
+    replan = partial(plan, keeps_targets=False)
+    by_key = {
+        "static-pf": _Rule(_PF, Hover),
+        "static-mmf": _Rule(_MMF, Hover),
+        "static-pf-full-power": _Rule(_PF, full_power),
+        "static-mmf-full-power": _Rule(_MMF, full_power),
+        "loiter-pf": _Rule(_PF, Loiter),
+        "loiter-mmf": _Rule(_MMF, Loiter),
+        "balanced-loiter": _Rule(_MMF, BalancedLoiter, 6.0),
+        "track": _Rule(_MMF, Track, 3.0),
+        "planner": _Rule(_MMF, plan, planning),
+        "track-120": _Rule(_MMF, partial(Track, altitude_m=120.0), 3.0),
+        **_on_stations("balanced-loiter-120", ZeroAction, 1.0),
+        **_on_stations("forces", Forces, 2.0),
+        **_on_stations("best-response", BestResponse, 15.0),
+        **_on_stations("receding-horizon", RecedingHorizon, 50.0),
+        "balanced-loiter-retargeted": _Rule(_MMF, retarget, 6.0, is_comparable=False),
+        "planner-retargeted": _Rule(_MMF, replan, planning, is_comparable=False),
     }
-    for key, (rule, cost) in rules_on_stations.items():
-        for name, overrides in ((key, STATIONS), (key + SENSED, SENSED_STATIONS)):
-            yield Contender(name, RULE_IDEAS[name], overrides, _ignoring_seeds(rule), cost=cost)
+    return {
+        key: Contender(
+            key,
+            RULE_IDEAS[key],
+            rule.overrides,
+            _ignoring_seeds(rule.make),
+            is_comparable=rule.is_comparable,
+            cost=rule.cost,
+        )
+        for key, rule in by_key.items()
+    }
+
+
+def _on_stations(key: str, make: Callable[[], Controller], cost: float) -> dict[str, _Rule]:
+    """A rule on stations, from both starts."""
+    return {key: _Rule(STATIONS, make, cost), key + SENSED: _Rule(SENSED_STATIONS, make, cost)}
 
 
 def _ignoring_seeds(rule: Callable[[], Controller]) -> Callable[[Sequence[int]], Controller]:
