@@ -11,14 +11,20 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.type_aliases import Schedule
 from stable_baselines3.common.utils import FloatSchedule
 
+from orchid_uav.agents.learner_state import (
+    MOMENTS,
+    OPTIMIZER,
+    WEIGHTS,
+    DivergedError,
+    moments_of,
+    restore,
+    specs_of,
+    weights_of,
+)
 from orchid_uav.storage.tensors import Tensors, TensorSpec
 
 Rows = dict[str, NDArray[np.float32]]
 """{"observation": (rows, O), "state": (rows, S)}."""
-
-
-class DivergedError(ArithmeticError):
-    """Learning led to numbers that are not finite."""
 
 
 _COUNTERS: dict[str, type] = {
@@ -34,9 +40,6 @@ _COUNTERS: dict[str, type] = {
 }
 _STEPS_OF_MEAN = 10_000
 """Steps over which rewards are averaged where they are centred: 50 episodes of the paper's."""
-_MOMENTS = ["exp_avg", "exp_avg_sq", "step"]
-"""What Adam remembers of a parameter."""
-_WEIGHTS, _OPTIMIZER = "weights", "optimizer"
 
 
 class CentralizedTraining(BaseAlgorithm):
@@ -146,43 +149,27 @@ class CentralizedTraining(BaseAlgorithm):
         Raises:
             DivergedError: a weight is not a finite number.
         """
-        weights = {name: _array(tensor) for name, tensor in self.policy.state_dict().items()}
-        for name, array in weights.items():
-            if not np.isfinite(array).all():
-                raise DivergedError(f"after update {self._n_updates} {name} is not finite")
+        weights = weights_of(self.policy, f"after update {self._n_updates}")
         document: dict[str, Any] = {
             name: kind(getattr(self, name))
             for name, kind in _COUNTERS.items()
             if hasattr(self, name)
         }
-        optimizer = self.policy.optimizer
-        document["optimizer"] = {
+        optimizer, optimized = self.policy.optimizer, self._optimized()
+        document[OPTIMIZER] = {
             str(index): sorted(optimizer.state[parameter])
-            for index, parameter in enumerate(self._optimized())
+            for index, parameter in enumerate(optimized)
             if parameter in optimizer.state
         }
-        moments = {
-            f"{index}.{name}": _array(optimizer.state[parameter][name])
-            for index, parameter in enumerate(self._optimized())
-            for name in sorted(optimizer.state.get(parameter, ()))
-        }
-        return document, {_WEIGHTS: weights, _OPTIMIZER: moments}
+        return document, {WEIGHTS: weights, OPTIMIZER: moments_of(optimizer, optimized)}
 
     def training_state_specs(self, document: Mapping[str, Any]) -> dict[str, dict[str, TensorSpec]]:
         """Shapes and types of the tensors that belong to counters of :meth:`training_state`."""
-        weights = {
-            name: TensorSpec.of(_array(tensor)) for name, tensor in self.policy.state_dict().items()
-        }
-        parameters = self._optimized()
-        moments = {}
-        for index, names in document["optimizer"].items():
-            if names != _MOMENTS or index not in map(str, range(len(parameters))):
+        optimized = self._optimized()
+        for index, names in document[OPTIMIZER].items():
+            if names != MOMENTS or index not in map(str, range(len(optimized))):
                 raise ValueError(f"Adam has no {names!r} of parameter {index!r}")
-            parameter = TensorSpec.of(_array(parameters[int(index)]))
-            for name in names:
-                scalar = TensorSpec((), parameter.dtype)
-                moments[f"{index}.{name}"] = scalar if name == "step" else parameter
-        return {_WEIGHTS: weights, _OPTIMIZER: moments}
+        return specs_of(self.policy, optimized, map(int, document[OPTIMIZER]))
 
     def restore_training_state(
         self, document: Mapping[str, Any], tensors: Mapping[str, Tensors]
@@ -191,18 +178,7 @@ class CentralizedTraining(BaseAlgorithm):
         for name, kind in _COUNTERS.items():
             if name in document:
                 setattr(self, name, kind(document[name]))
-        self.policy.load_state_dict(
-            {name: torch.from_numpy(array) for name, array in tensors[_WEIGHTS].items()}
-        )
-        optimizer = self.policy.optimizer
-        optimizer.state.clear()
-        parameters = self._optimized()
-        for index, names in document["optimizer"].items():
-            parameter = parameters[int(index)]
-            optimizer.state[parameter] = {
-                name: torch.from_numpy(tensors[_OPTIMIZER][f"{index}.{name}"]).to(parameter.device)
-                for name in names
-            }
+        restore(self.policy, self.policy.optimizer, self._optimized(), tensors)
 
     def _optimized(self) -> list[torch.nn.Parameter]:
         return [
@@ -215,7 +191,3 @@ class CentralizedTraining(BaseAlgorithm):
 def single_precision(rows: Mapping[str, NDArray[Any]]) -> Rows:
     """Rows of any numbers as float32, in which networks and buffers hold them."""
     return {key: np.asarray(values, np.float32) for key, values in rows.items()}
-
-
-def _array(tensor: torch.Tensor) -> NDArray[Any]:
-    return tensor.detach().cpu().numpy().copy()

@@ -15,10 +15,18 @@ import torch
 from numpy.typing import NDArray
 from torch.nn import functional
 
-from orchid_uav.agents.centralized_training import DivergedError
 from orchid_uav.agents.controllers.best_response import BestResponse
 from orchid_uav.agents.imitation.examples import Examples
 from orchid_uav.agents.imitation.tasks import Variety, draw_task
+from orchid_uav.agents.learner_state import (
+    OPTIMIZER,
+    WEIGHTS,
+    DivergedError,
+    moments_of,
+    restore,
+    specs_of,
+    weights_of,
+)
 from orchid_uav.agents.networks import perceptron
 from orchid_uav.envs.arrays import ACTION_SIZE
 from orchid_uav.envs.metrics import COUNTS, EPISODE_METRICS
@@ -30,8 +38,6 @@ from orchid_uav.storage.tensors import Tensors, TensorSpec
 WORLDS_ALIKE = 5
 """Worlds that fly the same task, so that a slot is a call for several."""
 _DETERMINISTIC_LOG_STD = math.log(1e-12)
-_MOMENTS = ("exp_avg", "exp_avg_sq", "step")
-_WEIGHTS, _OPTIMIZER = "weights", "optimizer"
 
 
 class Dagger:
@@ -204,30 +210,17 @@ class Dagger:
         Raises:
             DivergedError: a weight is not a finite number.
         """
-        weights = {name: one.numpy().copy() for name, one in self.network.state_dict().items()}
-        if not all(np.isfinite(array).all() for array in weights.values()):
-            raise DivergedError(f"after iteration {self.iteration} a weight is not finite")
-        moments = {
-            f"{index}.{name}": self.optimizer.state[parameter][name].numpy().copy()
-            for index, parameter in enumerate(self.network.parameters())
-            for name in _MOMENTS
-            if parameter in self.optimizer.state
-        }
+        weights = weights_of(self.network, f"after iteration {self.iteration}")
+        moments = moments_of(self.optimizer, list(self.network.parameters()))
         document = {"iteration": self.iteration, "examples": self.examples.document()}
-        return document, {_WEIGHTS: weights, _OPTIMIZER: moments}
+        return document, {WEIGHTS: weights, OPTIMIZER: moments}
 
     def training_state_specs(self, document: Mapping[str, Any]) -> dict[str, dict[str, TensorSpec]]:
         """Shapes and types of the tensors that belong to counters of :meth:`training_state`."""
-        weights = {
-            name: TensorSpec.of(one.numpy()) for name, one in self.network.state_dict().items()
-        }
-        moments = {}
-        for index, parameter in enumerate(self.network.parameters()):
-            shape = TensorSpec.of(parameter.detach().numpy())
-            for name in _MOMENTS:
-                scalar = TensorSpec((), shape.dtype)
-                moments[f"{index}.{name}"] = scalar if name == "step" else shape
-        return {_WEIGHTS: weights, _OPTIMIZER: moments if document["iteration"] else {}}
+        parameters = list(self.network.parameters())
+        return specs_of(
+            self.network, parameters, range(len(parameters)) if document["iteration"] else ()
+        )
 
     def restore_training_state(
         self, document: Mapping[str, Any], tensors: Mapping[str, Tensors], folder: Path
@@ -239,13 +232,4 @@ class Dagger:
         """
         self.examples.restore(document["examples"], folder)
         self.iteration = int(document["iteration"])
-        self.network.load_state_dict(
-            {name: torch.from_numpy(array) for name, array in tensors[_WEIGHTS].items()}
-        )
-        self.optimizer.state.clear()
-        if self.iteration:
-            for index, parameter in enumerate(self.network.parameters()):
-                self.optimizer.state[parameter] = {
-                    name: torch.from_numpy(tensors[_OPTIMIZER][f"{index}.{name}"])
-                    for name in _MOMENTS
-                }
+        restore(self.network, self.optimizer, list(self.network.parameters()), tensors)
