@@ -153,15 +153,15 @@ def evaluate(
             reserve_directory,
             run_evaluation,
         )
-        from orchid_uav.experiments.evaluation.methods import select
+        from orchid_uav.experiments.evaluation.methods import find_runs, select
         from orchid_uav.experiments.evaluation.own_methods import read_own_methods
         from orchid_uav.experiments.figures.contact_sheet import SHEET_FILE
-        from orchid_uav.experiments.runs.records import expanded, find_run
+        from orchid_uav.experiments.runs.records import expanded
 
         world = world_of(config, assignments or [])
         settings = _settings(world, flags)
         shown_metrics = _metrics(metrics)
-        paths = [find_run(name, expanded(runs_dir)) for name in runs or []]
+        paths = find_runs(runs or [], expanded(runs_dir))
         names = (methods or ("rules" if paths else "all")).split(",")
         contenders = select(
             [name.strip() for name in names], paths, stochastic, planner_evaluations

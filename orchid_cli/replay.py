@@ -41,7 +41,7 @@ from orchid_uav.experiments.configuration import (
 )
 from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.metrics import METRICS, heading_of
-from orchid_uav.experiments.runs.records import DEFAULT_RUNS_DIR, expanded, find_run
+from orchid_uav.experiments.runs.records import DEFAULT_RUNS_DIR, expanded
 from orchid_uav.notices import show_on_stderr
 
 if TYPE_CHECKING:
@@ -168,6 +168,7 @@ def replay(
     with failing_well(debug):
         show_on_stderr(with_notes=not quiet)
         from orchid_uav.cli.progress.replay import replay_progress
+        from orchid_uav.experiments.evaluation.methods import find_runs
         from orchid_uav.experiments.replay.files import Output, write_replay
         from orchid_uav.experiments.replay.planned import plan_directory
 
@@ -186,7 +187,7 @@ def replay(
             given = [flags, assignments, config, seed, topology]
             make = _of_plan(plans[0], [*names[1:], *keys, *(own_methods or [])], given, output)
         else:
-            paths = [find_run(name, expanded(runs_dir)) for name in names]
+            paths = find_runs(names, expanded(runs_dir))
             contenders = _contenders(paths, keys, own_methods or [], planner_evaluations)
             world = _world(contenders if paths else [], config, assignments or [], flags)
             make = _of_flights(contenders, world, (seed, topology), output)

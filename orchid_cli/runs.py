@@ -180,8 +180,12 @@ def list_runs(
             _tell_columns_left_out(columns_that_fit(out, shown))
         if len(shown) < len(chosen):
             print_note(f"{len(shown)} of {len(chosen)} runs are shown; --limit 0 shows all")
-        if not print_resume_commands(out, shown) and shown:
-            paths = [run_argument(run.path) for run in shown[:2]]
+        if print_resume_commands(out, shown) or not shown:
+            return
+        paths = [run_argument(run.path) for run in shown[:2]]
+        if shown[0].status == "interrupted":
+            print_next_on_terminal("train", "--resume", paths[0])
+        else:
             print_next_on_terminal("runs", "compare" if len(paths) > 1 else "show", *paths)
 
 

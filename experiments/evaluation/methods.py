@@ -29,7 +29,7 @@ from orchid_uav.experiments.evaluation.method_keys import (
     ZERO,
     known_methods,
 )
-from orchid_uav.experiments.runs.records import read_config, read_record, status_of
+from orchid_uav.experiments.runs.records import find_run, read_config, read_record, status_of
 from orchid_uav.suggestions import unknown
 
 OBSERVATION_SIZES = {"paper": OBSERVATION_SIZE, "informed": INFORMED_SIZE}
@@ -190,6 +190,23 @@ def _on_stations(key: str, make: Callable[[], Controller], cost: float) -> dict[
 
 def _ignoring_seeds(rule: Callable[[], Controller]) -> Callable[[Sequence[int]], Controller]:
     return lambda _: rule()
+
+
+def find_runs(names: Sequence[str], runs_dir: Path) -> list[Path]:
+    """The directories of the runs that are given by name, see :func:`find_run`.
+
+    Raises:
+        InputError: one is not found; where it is a method's name, the message says so.
+    """
+    found = []
+    for name in names:
+        try:
+            found.append(find_run(name, runs_dir))
+        except InputError as error:
+            if name not in known_methods():
+                raise
+            raise InputError(f"{error}; it is a method: give --methods {name}") from error
+    return found
 
 
 def groups() -> dict[str, list[str]]:

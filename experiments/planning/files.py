@@ -104,9 +104,9 @@ def plan_from_files(
         InputError: something given is wrong, or cannot be had.
         RunFailedError: the files cannot be written.
     """
-    check_free(out)
-    config, _ = plan_configuration(layers)
     try:
+        check_free(out)
+        config, _ = plan_configuration(layers)
         planned = make_plan(
             task_of(given, config, budget, method, runs_dir, firmware), command, telling
         )

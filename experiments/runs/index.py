@@ -13,7 +13,7 @@ from functools import cache, cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from orchid_uav.envs.keys import with_current_keys
+from orchid_uav.envs.keys import by_key, with_current_keys
 from orchid_uav.experiments.configuration import RunConfig, flatten
 from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.metrics import METRICS
@@ -176,12 +176,7 @@ def read_run(path: Path) -> Run:
     sections = read_plain_config(path, record)
     if not all(isinstance(one, dict) for one in sections.values()):
         raise InputError(f"{path / CONFIG_FILE} is not the configuration of a run")
-    found = {
-        f"{section}.{key}": value
-        for section, fields in with_current_keys(sections).items()
-        for key, value in fields.items()
-    }
-    config = _defaults() | found  # a key may be newer than the run
+    config = _defaults() | by_key(with_current_keys(sections))  # a key may be newer than the run
     if not isinstance(config["training.episodes"], int):
         raise InputError(f"{path}: training.episodes in its configuration is not a number")
     status = status_of(path, record)

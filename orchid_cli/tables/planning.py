@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 def print_plan(out: Console, document: "PlanDocument") -> None:
     """Who is served, from where, and how many drones it takes."""
     people = document.people
-    unserved = f"{people.unserved} not at all" if people.unserved else "all are"
+    unserved = f"{people.unserved} not at all" if people.unserved else "nobody is left out"
     print_text(
         out,
         f"{people.total} people: {people.served_by_drones} served by drones, "
@@ -47,6 +47,8 @@ def print_plan(out: Console, document: "PlanDocument") -> None:
             row.append(f"{size.people.share_above_want:.1%}")
         rows.append(row)
     print_table(out, [*columns, *(["as wanted"] if has_want else [])], rows)
+    if people.share_above_want is not None:
+        print_text(out, _verdict(document, people.share_above_want))
     off = document.robustness.position_error_50m
     if off.share_above_want is not None:
         print_text(
@@ -60,6 +62,24 @@ def print_plan(out: Console, document: "PlanDocument") -> None:
         f"to keep all stations manned for 24 h: {rotation.drones_for_24_h} drones, "
         f"{rotation.batteries_for_24_h} charged batteries",
     )
+
+
+def _verdict(document: "PlanDocument", share: float) -> str:
+    """Whether what is wanted is had; if not, how many drones of the table would do."""
+    settings = document.settings
+    rate_bps, wanted = settings["plan.want_rate_bps"], settings["plan.want_share"]
+    if not isinstance(rate_bps, int | float) or not isinstance(wanted, int | float):
+        raise TypeError("a plan with a share of those who have what they want says what that is")
+    told = f"wanted: {_rate(rate_bps)} for {wanted:.0%} of the people; {share:.1%} have it"
+    if share >= wanted:
+        return f"{told}: enough"
+    enough = [
+        size.drones
+        for size in document.fleet_sizes
+        if size.people.share_above_want is not None and size.people.share_above_want >= wanted
+    ]
+    would = f"{min(enough)} drones would do" if enough else "no number above would do"
+    return f"{told}: not enough, {would}"
 
 
 def _rate(rate_bps: float) -> str:

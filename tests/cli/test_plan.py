@@ -1,13 +1,17 @@
 """``orchid plan``: what it writes, what it says, and what it refuses."""
 
+import io
 import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
+from orchid_uav.cli.tables.planning import print_plan
 from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.planning import plan
+from orchid_uav.experiments.planning.planner import Telling
 from orchid_uav.experiments.planning.result import PlanDocument
 from tests.helpers.processes import assert_is_an_error, fingerprint
 
@@ -56,6 +60,8 @@ class TestPlan:
         weights = [int(line.split(",")[2]) for line in PEOPLE.read_text().splitlines()[1:]]
         people = document.people
         assert people.total == sum(weights)
+        told = f"wanted: 500 kbit/s for 95% of the people; {people.share_above_want:.1%} have it: "
+        assert f"{told}not enough, no number above would do" in " ".join(finished.out.split())
         served = people.served_by_drones + people.served_by_masts
         assert served + people.unserved == people.total
         assert sum(drone.people for drone in document.drones) == people.served_by_drones
@@ -109,6 +115,23 @@ class TestPlan:
         assert "Nobody is served by uav_" in finished.err
         assert "Masts serve nobody" in finished.err
 
+    def test_a_column_that_may_have_been_meant_for_people_is_named(self, orchid, tmp_path):
+        people = tmp_path / "three.csv"
+        people.write_text("lat,lon,population\n17.3,-62.72,3\n17.3,-62.7201,4\n17.31,-62.72,4\n")
+        finished = orchid("plan", people, "--drones=1", "--budget=50")
+        assert finished.code == 0
+        assert "counts as one person (not used: 'population')" in " ".join(finished.err.split())
+
+    def test_the_display_ends_before_any_error_is_told(self, orchid, out, monkeypatch):
+        ended = []
+        monkeypatch.setattr(Telling, "ends", lambda _: ended.append(True))
+        out.mkdir()
+        (out / "mine.txt").write_text("")
+        assert orchid("plan", PEOPLE, "--out", out, "--quiet").code == 2
+        assert orchid("plan", PEOPLE, "--altitude=120..80", "--quiet").code == 2
+        assert orchid("plan", PEOPLE, "--set=channel.environment=city", "--quiet").code == 2
+        assert len(ended) >= 2
+
     def test_one_firmware_alone(self, orchid, out):
         assert orchid("plan", PEOPLE, *QUICK, "--out", out, "--firmware=px4").code == 0
         assert [path.name for path in (out / "missions").iterdir()] == ["px4"]
@@ -128,6 +151,9 @@ class TestPlan:
         by_size = {size.drones: size.people.share_above_want for size in document.fleet_sizes}
         found = len(document.drones)
         assert by_size[found] >= 0.9
+        shown = io.StringIO()
+        print_plan(Console(file=shown, width=100), document)
+        assert "of the people; " in shown.getvalue() and " have it: enough\n" in shown.getvalue()
         assert found == 1 or by_size[found - 1] < by_size[found]
         assert f"note: {found} drones are the least that were found" in finished.err
 

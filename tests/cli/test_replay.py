@@ -194,6 +194,7 @@ class TestRefusals:
             (("--methods=track", "--set=network.uav_count=3"), ("use --uavs",)),
             (("--methods=track", "--set=ppo.discount=0.5"), ("nothing is trained here",)),
             (("nowhere",), ("no run 'nowhere'",)),
+            (("track",), ("no run 'track'", "it is a method: give --methods track")),
         ],
     )
     def test_what_is_wrong_is_told_and_nothing_written(self, orchid, tmp_path, arguments, parts):

@@ -301,6 +301,12 @@ class TestList:
             assert finished.code == 0
             assert not re.search(r"[\x00-\x08\x0b-\x1f]", finished.out + finished.err)
 
+    def test_a_run_that_was_interrupted_last_is_to_be_continued(self, monkeypatch, orchid, runs):
+        make_run(runs, "first")
+        path = make_run(runs, "second", status="interrupted")
+        text = on_terminal(monkeypatch, orchid, 90, "runs", "list", "--runs-dir", runs)
+        assert text.splitlines()[-1] == f"next: orchid train --resume {path}"
+
     def test_on_a_narrow_terminal_columns_give_way_but_ids_do_not(self, monkeypatch, orchid, runs):
         path = make_run(runs, "quite-a-long-name")
         for width in (80, 100, 140, 200):

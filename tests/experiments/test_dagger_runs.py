@@ -40,6 +40,7 @@ def test_a_run_is_shown_compared_and_listed(orchid, run):
         finished = orchid("runs", *command, "--runs-dir", run.parent)
         assert (finished.code, finished.err) == (0, "")
         assert "rate JFI" in finished.out
+        assert "uav.station" not in finished.out  # nothing of it was changed
     listed = orchid("runs", "list", "--runs-dir", run.parent, "--json")
     assert listed.code == 0 and '"dagger"' in listed.out
 

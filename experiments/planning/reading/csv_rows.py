@@ -154,11 +154,22 @@ def _notes(path: Path, lines: _Lines, columns: _Columns) -> list[str]:
     if columns.people is None:
         notes.append(
             f"{path} has no column {', '.join(PEOPLE_NAMES[:-1])} or {PEOPLE_NAMES[-1]}: "
-            "every row counts as one person"
+            f"every row counts as one person{_unused(columns)}"
         )
     if not lines.is_utf8:
         notes.append(f"{path} is not UTF-8: its numbers were read, its other text was passed over")
     return notes
+
+
+def _unused(columns: _Columns) -> str:
+    """The columns that are not read, one of which may have been meant for people."""
+    names = [
+        shown(name)
+        for place, name in enumerate(columns.names)
+        if name and place not in (columns.first, columns.second)
+    ]
+    more = ", ..." if len(names) > _MOST_LISTED else ""
+    return f" (not used: {', '.join(names[:_MOST_LISTED])}{more})" if names else ""
 
 
 def _delimiter_of(header: str) -> str:

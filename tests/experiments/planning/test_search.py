@@ -1,5 +1,7 @@
 """The planner's search."""
 
+import time
+
 import numpy as np
 import pytest
 
@@ -36,6 +38,22 @@ class TestSearch:
         again = search(fleet, region, Budget(evaluations=timed.evaluations), seed=1)
         assert again.plan.tobytes() == timed.plan.tobytes()
         assert again.utility == timed.utility
+
+    def test_seconds_do_not_count_what_is_compiled_at_the_first_move(self, monkeypatch):
+        fleet, region = fleet_and_region()
+        _, _, clusterings = best_clustering(fleet, region, 0)
+        judge, calls = fleet.utilities_of_moves, []
+
+        def slow_at_first(*arguments):
+            calls.append(arguments)
+            if len(calls) == 1:
+                time.sleep(0.6)
+            return judge(*arguments)
+
+        monkeypatch.setattr(fleet, "utilities_of_moves", slow_at_first)
+        found = search(fleet, region, Budget(seconds=0.5), 0)
+        assert len(calls) > 1
+        assert found.evaluations > clusterings
 
     @pytest.mark.parametrize("drones", [1, 2, 7])
     def test_it_is_never_worse_than_the_clusterings_and_keeps_all_limits(self, drones):
