@@ -276,7 +276,7 @@ def _warn_of_no_cache(folder: str, reason: str) -> None:
 
 
 def _announce(how_often: str) -> None:
-    note_once("compilation", f"compiling the simulator, ten to twenty seconds, {how_often}")
+    note_once("compilation", f"compiling the simulator, ten seconds to a minute, {how_often}")
 
 
 def _described(error: Exception) -> str:

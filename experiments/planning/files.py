@@ -57,6 +57,8 @@ DEFAULT_PARENT = Path("orchid-plan")
 PLAN_FILE, REPORT_FILE = "plan.json", "report.html"
 PEOPLE_MAP, PEOPLE_TABLE = "people.geojson", "people.csv"
 """Who is served by whom; the table is for plans in local metres."""
+_INHABITED_DEG = (-56.0, 79.0)
+"""Latitudes of the southernmost and the northernmost town."""
 _BESIDE_ZONES_M = 50.0
 """A home that nobody gave keeps this far from no-fly zones."""
 _LEAST_FROM_MASTS_M = 20.0
@@ -145,6 +147,13 @@ def task_of(
         notes.append(
             "People are given in metres, so the plan has no place on earth: it gets a "
             "report and a table of people, and neither maps nor missions."
+        )
+    elif site.center is not None and not (
+        _INHABITED_DEG[0] <= site.center.latitude_deg <= _INHABITED_DEG[1]
+    ):
+        notes.append(
+            f"The people are at latitude {site.center.latitude_deg:.1f}°, where hardly anybody "
+            "lives: are latitude and longitude swapped?"
         )
     for one in zones.values():
         notes += notes_on_zones(one, site)

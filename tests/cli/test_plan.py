@@ -132,6 +132,13 @@ class TestPlan:
         assert orchid("plan", PEOPLE, "--set=channel.environment=city", "--quiet").code == 2
         assert len(ended) >= 2
 
+    def test_swapped_latitudes_and_longitudes_are_suspected(self, orchid, tmp_path):
+        people = tmp_path / "three.csv"
+        people.write_text("lat,lon\n-62.72,17.3\n-62.7201,17.3\n-62.7202,17.31\n")
+        finished = orchid("plan", people, "--drones=1", "--budget=50")
+        assert finished.code == 0
+        assert "latitude -62.7°, where hardly anybody lives" in " ".join(finished.err.split())
+
     def test_one_firmware_alone(self, orchid, out):
         assert orchid("plan", PEOPLE, *QUICK, "--out", out, "--firmware=px4").code == 0
         assert [path.name for path in (out / "missions").iterdir()] == ["px4"]

@@ -108,7 +108,7 @@ def cache(tmp_path):
     return tmp_path / "__pycache__"
 
 
-COMPILING = "note: compiling the simulator, ten to twenty seconds, "
+COMPILING = "note: compiling the simulator, ten seconds to a minute, "
 
 
 def test_compiling_is_announced_where_it_is_done(double):
