@@ -24,7 +24,7 @@ def weights_of(module: torch.nn.Module, when: str) -> Tensors:
 
     Args:
         module: whose weights.
-        when: for the message, such as "after update 3:".
+        when: for the message, such as "after update 3".
 
     Raises:
         DivergedError: a weight is not a finite number.
