@@ -26,7 +26,7 @@ from orchid_uav.envs import evaluation_seeds, make_supersuit_vec_env, parallel_e
 from orchid_uav.envs.diagnostics import Diagnostics
 from orchid_uav.envs.parameters import Parameters
 from orchid_uav.experiments.evaluation import flights as flying
-from orchid_uav.experiments.evaluation.flights import Plan, Setting, evaluate
+from orchid_uav.experiments.evaluation.flights import EvaluationPlan, Setting, evaluate
 from orchid_uav.experiments.evaluation.methods import select
 from studies.recording import record
 
@@ -37,10 +37,10 @@ EPISODES_ONE_AT_A_TIME = 1
 POLICY = "orchid"
 
 
-def plan(methods: Sequence[str]) -> Plan:
+def plan(methods: Sequence[str]) -> EvaluationPlan:
     """The UAV study with some methods."""
     settings = [Setting(uavs=uavs) for uavs in UAVS]
-    return Plan(select(methods), settings, EPISODES, seed=0, world=Parameters())
+    return EvaluationPlan(select(methods), settings, EPISODES, seed=0, world=Parameters())
 
 
 def batched_s(methods: Sequence[str]) -> float:

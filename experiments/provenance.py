@@ -5,7 +5,10 @@ import platform
 import subprocess
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
+
+Status = Literal["running", "completed", "failed", "interrupted"]
+"""How a run or a study stands, by its own record."""
 
 _PACKAGES = (
     "orchid-uav",

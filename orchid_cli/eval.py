@@ -44,7 +44,7 @@ from orchid_uav.notices import show_on_stderr
 from orchid_uav.suggestions import unknown
 
 if TYPE_CHECKING:
-    from orchid_uav.experiments.evaluation.flights import Plan, Setting
+    from orchid_uav.experiments.evaluation.flights import EvaluationPlan, Setting
     from orchid_uav.experiments.evaluation.methods import Contender
 
 _METHODS = "Methods"
@@ -253,10 +253,10 @@ def _plan(
     episodes: int,
     seed: int,
     world: "RunConfig",
-) -> "Plan":
-    from orchid_uav.experiments.evaluation.flights import Plan
+) -> "EvaluationPlan":
+    from orchid_uav.experiments.evaluation.flights import EvaluationPlan
 
-    plan = Plan(contenders, settings, episodes, seed, world.network_parameters)
+    plan = EvaluationPlan(contenders, settings, episodes, seed, world.network_parameters)
     plan.check()
     return plan
 
@@ -273,7 +273,7 @@ def _metrics(text: str) -> list[str]:
     return names
 
 
-def _announce(out: Console, plan: "Plan", flown: dict[Any, Any]) -> None:
+def _announce(out: Console, plan: "EvaluationPlan", flown: dict[Any, Any]) -> None:
     def listed(values: list[Any], unit: str = "") -> str:
         return ", ".join(f"{value:g}" for value in dict.fromkeys(values)) + unit
 

@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     from orchid_uav.experiments.evaluation.methods import Contender
     from orchid_uav.experiments.replay.document import ReplayDocument
     from orchid_uav.experiments.replay.files import Output
-    from orchid_uav.experiments.replay.flown import Telling
+    from orchid_uav.experiments.replay.flown import ReplayListener
 
 _METHODS, _PICTURES = "Methods", "Pictures"
 
@@ -192,13 +192,13 @@ def replay(
             world = _world(contenders if paths else [], config, assignments or [], flags)
             make = _of_flights(contenders, world, (seed, topology), output)
         shown = console(stderr=as_json)
-        telling = replay_progress(shown, quiet)
+        listener = replay_progress(shown, quiet)
         try:
             with stdout_for_json_alone(as_json):
-                document = make(telling)
-                written, size = write_replay(document, output, telling)
+                document = make(listener)
+                written, size = write_replay(document, output, listener)
         finally:
-            telling.ends()
+            listener.ends()
         if as_json:
             print(json.dumps(_summary(document, written, size), allow_nan=False))
             return
@@ -208,7 +208,7 @@ def replay(
 
 def _of_plan(
     directory: Path, others: list[str], given: list[Any], output: "Output"
-) -> Callable[["Telling"], "ReplayDocument"]:
+) -> Callable[["ReplayListener"], "ReplayDocument"]:
     from orchid_uav.experiments.replay.files import check_frame
     from orchid_uav.experiments.replay.planned import replay_of_plan
 
@@ -221,7 +221,7 @@ def _of_plan(
         )
     document = replay_of_plan(directory)
     check_frame(output, document.slots)
-    return lambda telling: document
+    return lambda listener: document
 
 
 def _contenders(
@@ -256,22 +256,22 @@ def _world(
 
 def _of_flights(
     contenders: "list[Contender]", world: RunConfig, topology: tuple[int, int], output: "Output"
-) -> Callable[["Telling"], "ReplayDocument"]:
-    from orchid_uav.experiments.evaluation.flights import SETTING_FIELDS, Plan, Setting
+) -> Callable[["ReplayListener"], "ReplayDocument"]:
+    from orchid_uav.experiments.evaluation.flights import SETTING_FIELDS, EvaluationPlan, Setting
     from orchid_uav.experiments.replay.files import check_frame
     from orchid_uav.experiments.replay.flown import Topology, replay_of_flights
 
     values = flatten(world)
     setting = Setting(*(values[key] for key in SETTING_FIELDS))
     parameters = world.network_parameters
-    Plan(contenders, [setting], 1, topology[0], parameters).check()
+    EvaluationPlan(contenders, [setting], 1, topology[0], parameters).check()
     check_frame(output, parameters.network.episode_slots)
     tell_differences(contenders, world)
     spare = spare_uavs_note(parameters)
     if spare:
         print_note(spare)
-    return lambda telling: replay_of_flights(
-        contenders, parameters, setting, Topology(*topology), telling
+    return lambda listener: replay_of_flights(
+        contenders, parameters, setting, Topology(*topology), listener
     )
 
 

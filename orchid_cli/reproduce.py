@@ -28,8 +28,8 @@ from orchid_uav.notices import show_on_stderr
 
 if TYPE_CHECKING:
     from orchid_uav.experiments.jobs.executor import Executor
+    from orchid_uav.experiments.provenance import Status
     from orchid_uav.experiments.reproduction.campaign import Campaign
-    from orchid_uav.experiments.statistics.results import Status
 
 _STUDY = "Study"
 

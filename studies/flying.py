@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from orchid_uav.envs import Parameters
-from orchid_uav.experiments.evaluation.flights import Plan, Setting, evaluate
+from orchid_uav.experiments.evaluation.flights import EvaluationPlan, Setting, evaluate
 from orchid_uav.experiments.evaluation.method_keys import SENSED
 from orchid_uav.experiments.evaluation.methods import Contender, read_policy, rows_of, select
 from orchid_uav.experiments.metrics import EVALUATION_METRICS
@@ -127,7 +127,9 @@ def fly(case: Case, runs: Mapping[str, Sequence[Path]]) -> dict[str, Any]:
     """Means of all methods, and differences of the learned policies to the others."""
     flown_by = contenders(case, runs).values()
     world = Parameters().with_overrides(dict(case.overrides))
-    plan = Plan(list(flown_by), [case.setting], TOPOLOGIES, EVALUATION_SEED, world, case.first_slot)
+    plan = EvaluationPlan(
+        list(flown_by), [case.setting], TOPOLOGIES, EVALUATION_SEED, world, case.first_slot
+    )
     flown, _ = evaluate(plan)
     found = {key[len(case.setting)]: metrics for key, metrics in flown.items()}
     seeds = {kind: [name for name in found if name.startswith(f"{kind}-s")] for kind in runs}

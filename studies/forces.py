@@ -12,7 +12,7 @@ from cma import CMAEvolutionStrategy
 
 from orchid_uav.agents.controllers.forces import Forces, Gains
 from orchid_uav.envs import Parameters
-from orchid_uav.experiments.evaluation.flights import Plan, Setting, evaluate
+from orchid_uav.experiments.evaluation.flights import EvaluationPlan, Setting, evaluate
 from orchid_uav.experiments.evaluation.methods import STATIONS, Contender
 
 SEED, TOPOLOGIES = 5, 40
@@ -25,7 +25,7 @@ def utility(gains: Gains) -> float:
     """Mean over topologies and speeds."""
     contender = Contender("forces", "", STATIONS, lambda _: Forces(gains))
     settings = [Setting(speed_mps=speed, heading_hold_s=20.0) for speed in SPEEDS_MPS]
-    flown, _ = evaluate(Plan([contender], settings, TOPOLOGIES, SEED, Parameters()))
+    flown, _ = evaluate(EvaluationPlan([contender], settings, TOPOLOGIES, SEED, Parameters()))
     return float(np.mean([metrics["utility"] for metrics in flown.values()]))
 
 

@@ -18,7 +18,7 @@ from pathlib import Path
 
 from orchid_uav.agents.deployed_actor import DESCRIPTION_FILE, WEIGHTS_FILE
 from orchid_uav.envs import Parameters
-from orchid_uav.experiments.evaluation.flights import Plan, Setting, evaluate
+from orchid_uav.experiments.evaluation.flights import EvaluationPlan, Setting, evaluate
 from orchid_uav.experiments.evaluation.methods import COMMANDS, read_policy, rows_of
 from orchid_uav.storage.files import sealed, write_json
 from studies.recording import add_recording_options, require_commit
@@ -61,7 +61,7 @@ def fly(key: str) -> dict[str, list[float]]:
     """Every metric of a released policy on the first held-out topologies."""
     # As it lies here: the installed package may not know of it yet.
     policy = rows_of(read_policy(REFERENCE / key), key, "", stochastic=False, is_zero=False)
-    plan = Plan(policy, [Setting()], TOPOLOGIES, seed=0, world=Parameters())
+    plan = EvaluationPlan(policy, [Setting()], TOPOLOGIES, seed=0, world=Parameters())
     flown, _ = evaluate(plan)
     (metrics,) = flown.values()
     return {name: values.tolist() for name, values in metrics.items()}

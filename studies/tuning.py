@@ -24,7 +24,7 @@ import numpy as np
 
 from orchid_uav.envs import Parameters
 from orchid_uav.experiments.configuration import Layer, RunConfig, merge
-from orchid_uav.experiments.evaluation.flights import Plan, Setting, evaluate
+from orchid_uav.experiments.evaluation.flights import EvaluationPlan, Setting, evaluate
 from orchid_uav.experiments.evaluation.methods import Contender, select
 from orchid_uav.experiments.provenance import git_commit
 from orchid_uav.experiments.runs.directory import RunDirectory
@@ -111,7 +111,7 @@ def configure(algorithm: str, values: Mapping[str, Any], seed: int, episodes: in
 
 def flown(contender: Contender, seed: int = FIRST_SEED) -> dict[str, float]:
     """Means over the topologies of a seed."""
-    plan = Plan([contender], [Setting()], TOPOLOGIES, seed, Parameters())
+    plan = EvaluationPlan([contender], [Setting()], TOPOLOGIES, seed, Parameters())
     (metrics,) = evaluate(plan)[0].values()
     return {name: float(np.mean(metrics[name])) for name in METRICS}
 

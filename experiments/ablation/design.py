@@ -18,7 +18,7 @@ from orchid_uav.experiments.configuration import (
     flatten,
     reward_differences,
 )
-from orchid_uav.experiments.evaluation.flights import Plan, Setting
+from orchid_uav.experiments.evaluation.flights import EvaluationPlan, Setting
 from orchid_uav.experiments.evaluation.methods import (
     METHOD_KEYS,
     Contender,
@@ -112,7 +112,7 @@ class Ablation:
             family="the figures of one variant in one kind of flight, or in training",
         )
 
-    def plan(self, policies: Mapping[tuple[str, int], Policy]) -> Plan:
+    def plan(self, policies: Mapping[tuple[str, int], Policy]) -> EvaluationPlan:
         """The flights of all policies, of their zero-action twins and of simple rules.
 
         Args:
@@ -143,7 +143,7 @@ class Ablation:
             network.heading_hold_s,
         )
         world = self.base.network_parameters
-        return Plan(contenders, [setting], self.topologies, self.evaluation_seed, world)
+        return EvaluationPlan(contenders, [setting], self.topologies, self.evaluation_seed, world)
 
 
 def with_seed(config: RunConfig, seed: int) -> RunConfig:

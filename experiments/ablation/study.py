@@ -33,16 +33,17 @@ from orchid_uav.experiments.evaluation.directory import (
     run_evaluation,
     told_if_not_drawn,
 )
-from orchid_uav.experiments.evaluation.flights import FlightProgress, Plan
+from orchid_uav.experiments.evaluation.flights import EvaluationPlan, FlightProgress
 from orchid_uav.experiments.figures.contact_sheet import SHEET_FILE, write_ablation_sheet
 from orchid_uav.experiments.figures.learning_curves import draw_learning_curves
 from orchid_uav.experiments.figures.style import setting_of
 from orchid_uav.experiments.jobs.executor import Executor, JobProgress
 from orchid_uav.experiments.jobs.workload import Job
+from orchid_uav.experiments.provenance import Status
 from orchid_uav.experiments.runs.directory import Row, read_episodes
 from orchid_uav.experiments.runs.records import EPISODES_FILE, check_log, read_record
 from orchid_uav.experiments.statistics.curves import curve_table
-from orchid_uav.experiments.statistics.results import EvaluationResult, EvaluationSummary, Status
+from orchid_uav.experiments.statistics.results import EvaluationResult, EvaluationSummary
 from orchid_uav.experiments.training.job import TrainingJob
 from orchid_uav.notices import reason_of
 from orchid_uav.storage.files import leftovers, read_document, remove_leftovers, write_json
@@ -194,7 +195,7 @@ class AblationStudy:
         except OSError as error:
             raise RunFailedError(f"cannot write to {self.directory}: {reason_of(error)}") from error
 
-    def _fly(self, plan: Plan, progress: FlightProgress) -> EvaluationSummary:
+    def _fly(self, plan: EvaluationPlan, progress: FlightProgress) -> EvaluationSummary:
         """Return the summary of the evaluation; it is begun or resumed if it is not complete."""
         settings = describe_plan(plan, 0)
         folder = self.directory / EVALUATION_FOLDER

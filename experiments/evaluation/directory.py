@@ -18,21 +18,20 @@ from orchid_uav.experiments.errors import InputError, RunFailedError
 from orchid_uav.experiments.evaluation.flights import (
     CEILING,
     FLOOR,
+    EvaluationPlan,
     FlightProgress,
     Flown,
-    Plan,
     describe,
     evaluate,
     summarise_flights,
 )
 from orchid_uav.experiments.interruption import Raising, interruption_requests
 from orchid_uav.experiments.metrics import EVALUATION_METRICS
-from orchid_uav.experiments.provenance import describe_host, describe_versions
+from orchid_uav.experiments.provenance import Status, describe_host, describe_versions
 from orchid_uav.experiments.statistics.intervals import INTERVAL
 from orchid_uav.experiments.statistics.results import (
     EvaluationSettings,
     EvaluationSummary,
-    Status,
 )
 from orchid_uav.notices import kind_and_reason, reason_of, warn_once
 from orchid_uav.storage.files import (
@@ -68,7 +67,7 @@ def make_default_directory(parent: Path = DEFAULT_PARENT) -> Path:
     raise InputError(f"cannot find a free name for {parent / name}")
 
 
-def describe_plan(plan: Plan, planner_evaluations: int) -> EvaluationSettings:
+def describe_plan(plan: EvaluationPlan, planner_evaluations: int) -> EvaluationSettings:
     """What defines an evaluation: two with equal settings give equal metrics."""
     settings = plan.settings
     described = {
@@ -102,7 +101,7 @@ def describe_plan(plan: Plan, planner_evaluations: int) -> EvaluationSettings:
 
 def read_interrupted(
     directory: Path,
-    plan: Plan,
+    plan: EvaluationPlan,
     settings: EvaluationSettings,
     note: Callable[[str], None] = lambda text: None,
 ) -> Flown:
@@ -189,7 +188,7 @@ def reserve_directory(directory: Path) -> None:
         raise InputError(f"cannot write to --out {directory}: {reason_of(error)}") from error
 
 
-def episodes_table(plan: Plan, flown: Flown) -> pa.Table:
+def episodes_table(plan: EvaluationPlan, flown: Flown) -> pa.Table:
     """Make the table of episodes, with a row per method, setting and episode."""
     seeds = evaluation_seeds(plan.seed, plan.episodes)
     columns: dict[str, list[Any]] = {}
@@ -205,7 +204,11 @@ def episodes_table(plan: Plan, flown: Flown) -> pa.Table:
 
 
 def summary_document(
-    plan: Plan, flown: Flown, settings: EvaluationSettings, command: list[str], is_complete: bool
+    plan: EvaluationPlan,
+    flown: Flown,
+    settings: EvaluationSettings,
+    command: list[str],
+    is_complete: bool,
 ) -> EvaluationSummary:
     """The content of ``summary.json``, which is also what ``orchid eval --json`` prints."""
     return EvaluationSummary(
@@ -230,7 +233,7 @@ def header_of(command: list[str], status: Status) -> dict[str, Any]:
 
 
 def run_evaluation(
-    plan: Plan,
+    plan: EvaluationPlan,
     settings: EvaluationSettings,
     directory: Path,
     command: list[str],
@@ -285,7 +288,11 @@ def _remove_if_empty(directory: Path) -> None:
 
 
 def save_flights(
-    directory: Path, plan: Plan, flown: Flown, settings: EvaluationSettings, command: list[str]
+    directory: Path,
+    plan: EvaluationPlan,
+    flown: Flown,
+    settings: EvaluationSettings,
+    command: list[str],
 ) -> None:
     """Save flights, so that the same evaluation can go on from them.
 

@@ -75,7 +75,7 @@ SETTING_FIELDS = (
 
 
 @dataclass(frozen=True)
-class Plan:
+class EvaluationPlan:
     """All that an evaluation flies."""
 
     contenders: Sequence[Contender]
@@ -137,7 +137,7 @@ Flown = dict[tuple[Any, ...], Metrics]
 
 
 def evaluate(
-    plan: Plan,
+    plan: EvaluationPlan,
     progress: FlightProgress | None = None,
     flown: Flown | None = None,
     save: Callable[[Flown], None] = lambda flown: None,
@@ -255,7 +255,7 @@ class HeldOut:
 
 
 def _fly(
-    plan: Plan,
+    plan: EvaluationPlan,
     flight: Flight,
     topologies: HeldOut,
     progress: FlightProgress,
@@ -287,7 +287,7 @@ def _fly_batch(
     parameters: Parameters,
     topologies: Topologies,
     seeds: Sequence[int],
-    plan: Plan,
+    plan: EvaluationPlan,
     progress: FlightProgress,
     cost: float,
     heed_stop: Callable[[], None],
@@ -346,7 +346,7 @@ def begin_flight(
 
 
 def summarise_flights(
-    plan: Plan, flown: Mapping[tuple[Any, ...], Metrics], with_intervals: bool = True
+    plan: EvaluationPlan, flown: Mapping[tuple[Any, ...], Metrics], with_intervals: bool = True
 ) -> list[EvaluationResult]:
     """The "results" of ``summary.json``: one for every flight that was flown.
 

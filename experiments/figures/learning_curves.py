@@ -30,14 +30,13 @@ from orchid_uav.experiments.figures.style import (
 from orchid_uav.experiments.metrics import METRICS, heading_of
 from orchid_uav.experiments.statistics.curves import (
     DEFAULT_COLUMNS,
-    MIN_RUNS,
     WINDOW,
     Curve,
     Row,
     group_curve,
     single_curve,
 )
-from orchid_uav.experiments.statistics.intervals import CONFIDENCE
+from orchid_uav.experiments.statistics.intervals import CONFIDENCE, MIN_SEEDS
 
 Groups = Mapping[str, Sequence[Sequence[Row]]]
 """The rows of each run, by the name of its group."""
@@ -58,7 +57,7 @@ def draw_learning_curves(
 ) -> None:
     """Write a figure; the same rows give the same bytes.
 
-    A group of one run is drawn as a line. For ``MIN_RUNS`` runs or more, the interquartile mean is
+    A group of one run is drawn as a line. For ``MIN_SEEDS`` runs or more, the interquartile mean is
     drawn with a bootstrap band; for fewer, every single run is drawn as a thin line. A footnote
     below the panels says what is drawn.
 
@@ -109,7 +108,7 @@ class _Sheet:
         }
 
     def _curves(self, runs: Sequence[Sequence[Row]], column: str) -> list[Curve]:
-        if len(runs) >= MIN_RUNS:
+        if len(runs) >= MIN_SEEDS:
             return [group_curve(runs, column, self.window)]
         return [single_curve(rows, column, self.window) for rows in runs]
 
@@ -224,7 +223,7 @@ class _Sheet:
         sentences = []
         if self.window > 1:
             sentences.append(f"Trailing means of {self.window} episodes.")
-        if any(count >= MIN_RUNS for count in counts):
+        if any(count >= MIN_SEEDS for count in counts):
             sentences.append(
                 f"Line and band: interquartile mean over runs at each episode, and its "
                 f"{CONFIDENCE:.0%} percentile-bootstrap interval."
@@ -232,17 +231,17 @@ class _Sheet:
             if any(self._has_early_end(name) for name in self.groups):
                 sentences.append(
                     "A run that ended early counts until its last episode; a line ends where "
-                    f"fewer than {MIN_RUNS} runs go on."
+                    f"fewer than {MIN_SEEDS} runs go on."
                 )
-        if any(1 < count < MIN_RUNS for count in counts):
-            sentences.append(f"Thin lines: single runs, where there are fewer than {MIN_RUNS}.")
+        if any(1 < count < MIN_SEEDS for count in counts):
+            sentences.append(f"Thin lines: single runs, where there are fewer than {MIN_SEEDS}.")
         if any(self.resets.values()):
             sentences.append("Ticks at the bottom: resets of the optimizer.")
         return sentences
 
     def _has_early_end(self, name: str) -> bool:
         runs = self.groups[name]
-        return len(runs) >= MIN_RUNS and len({len(rows) for rows in runs}) > 1
+        return len(runs) >= MIN_SEEDS and len({len(rows) for rows in runs}) > 1
 
 
 def _without_date(path: Path) -> dict[str, None]:

@@ -18,7 +18,7 @@ _MOST_KILLS = 2
 """So often a job may be killed by a signal: what kills it twice is likely to be the job itself."""
 _SECONDS_TO_SAVE = 30.0
 
-Status = Literal["completed", "failed", "interrupted", "not started"]
+JobStatus = Literal["completed", "failed", "interrupted", "not started"]
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class JobEnd:
     """How a job ended."""
 
     job: Job
-    status: Status
+    status: JobStatus
     code: int | None
     """The exit code of its last process, or minus the signal that killed it; None if there was no
     process, or if its machine was lost."""
@@ -245,7 +245,7 @@ class JobRun:
         else:
             self._end(index, "failed", error)
 
-    def _end(self, index: int, status: Status, error: str | None) -> None:
+    def _end(self, index: int, status: JobStatus, error: str | None) -> None:
         self._workload.look([index])
         if status in {"completed", "failed"}:
             self._workload.end(index, status == "completed")

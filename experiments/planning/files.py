@@ -29,8 +29,8 @@ from orchid_uav.experiments.planning.planner import (
     PLANNER,
     Firmware,
     Planned,
+    PlanningListener,
     Task,
-    Telling,
     make_plan,
 )
 from orchid_uav.experiments.planning.reading.people import read_people
@@ -87,7 +87,7 @@ def plan_from_files(
     command: list[str],
     out: Path | None,
     firmware: Firmware,
-    telling: Telling,
+    listener: PlanningListener,
 ) -> tuple[Planned, Path]:
     """Read, plan, and write everything or nothing; returns the plan and its directory.
 
@@ -100,7 +100,7 @@ def plan_from_files(
         command: what is recorded as the command.
         out: a new or empty directory; by default ``./orchid-plan/<UTC time>``.
         firmware: for which missions are written.
-        telling: is told how far it is.
+        listener: is told how far it is.
 
     Raises:
         InputError: something given is wrong, or cannot be had.
@@ -110,12 +110,12 @@ def plan_from_files(
         check_free(out)
         config, _ = plan_configuration(layers)
         planned = make_plan(
-            task_of(given, config, budget, method, runs_dir, firmware), command, telling
+            task_of(given, config, budget, method, runs_dir, firmware), command, listener
         )
-        telling.begins("files")
+        listener.begins("files")
         return planned, write_plan(planned, out, firmware)
     finally:
-        telling.ends()
+        listener.ends()
 
 
 def task_of(

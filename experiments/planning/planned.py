@@ -11,7 +11,7 @@ from pydantic import PrivateAttr
 from orchid_uav.experiments.configuration import Layer
 from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.planning.files import Given, check_free, task_of, write_plan
-from orchid_uav.experiments.planning.planner import Firmware, Planned, Telling, make_plan
+from orchid_uav.experiments.planning.planner import Firmware, Planned, PlanningListener, make_plan
 from orchid_uav.experiments.planning.reading.cells import check_position, weight_of
 from orchid_uav.experiments.planning.reading.nearness import check_nearness
 from orchid_uav.experiments.planning.reading.places import parse_budget, parse_want
@@ -75,7 +75,7 @@ def plan_of(
         None if no_fly is None else Path(no_fly),
     )
     task = task_of(given, config, parse_budget(budget), method)
-    planned = make_plan(task, ["orchid_uav.experiments.planning.plan"], Telling())
+    planned = make_plan(task, ["orchid_uav.experiments.planning.plan"], PlanningListener())
     plan = Plan.from_json(planned.mapped.document.to_json())
     plan._planned = planned
     return plan

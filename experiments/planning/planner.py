@@ -85,7 +85,7 @@ class Task:
     """Decisions taken in reading, in plain words."""
 
 
-class Telling:
+class PlanningListener:
     """Is told how far planning is; does nothing by default."""
 
     def begins(self, stage: str) -> None:
@@ -110,7 +110,7 @@ class Planned:
     """Time on station of each drone."""
 
 
-def make_plan(task: Task, command: list[str], telling: Telling) -> Planned:
+def make_plan(task: Task, command: list[str], listener: PlanningListener) -> Planned:
     """Search, judge, and find the ways.
 
     Raises:
@@ -118,11 +118,11 @@ def make_plan(task: Task, command: list[str], telling: Telling) -> Planned:
     """
     config = task.config
     parameters, settings = config.network_parameters, config.plan
-    maker = _Maker(task, telling)
+    maker = _Maker(task, listener)
     notes = list(task.notes)
     drones = settings.drones
     if drones is None:
-        telling.begins("how many drones")
+        listener.begins("how many drones")
         drones, told = maker.least_number()
         notes.append(told)
     if drones > task.people.total:
@@ -131,10 +131,10 @@ def make_plan(task: Task, command: list[str], telling: Telling) -> Planned:
             "serve nobody."
         )
     fleet = maker.fleet_of(drones)
-    telling.begins("stations")
+    listener.begins("stations")
     found = maker.find(fleet)
     stations = stations_of(fleet, found.plan)
-    telling.begins("ways")
+    listener.begins("ways")
     cruise_mps = parameters.uav.max_speed_mps
     transit = plan_transit(task.surroundings, stations, cruise_mps)
     ways = [Way(way.level_s, way.vertical_s) for way in transit.ways]
@@ -156,7 +156,7 @@ def make_plan(task: Task, command: list[str], telling: Telling) -> Planned:
         [station.name for station in stations],
         settings.seed,
         settings.want,
-        telling.begins,
+        listener.begins,
     )
     others, told_of_others = maker.other_sizes(drones, found.evaluations)
     size = FleetSize(drones=drones, utility=found.utility, people=served)
@@ -197,8 +197,8 @@ def make_plan(task: Task, command: list[str], telling: Telling) -> Planned:
 class _Maker:
     """Searches for any number of drones over the same people."""
 
-    def __init__(self, task: Task, telling: Telling) -> None:
-        self._task, self._telling = task, telling
+    def __init__(self, task: Task, listener: PlanningListener) -> None:
+        self._task, self._listener = task, listener
         self._parameters = task.config.network_parameters
         settings = task.config.plan
         self._seed, self._want = settings.seed, settings.want
@@ -228,7 +228,7 @@ class _Maker:
             return Found(*best_clustering(fleet, self.region, self._seed))
         seconds, evaluations = self._task.budget
         budget = Budget(None if seconds is None else _SHARE_OF_TIME * seconds, evaluations)
-        return search(fleet, self.region, budget, self._seed, self._telling.searches)
+        return search(fleet, self.region, budget, self._seed, self._listener.searches)
 
     def _tried(self, drones: int, evaluations: int) -> FleetSize:
         fleet = self.fleet_of(drones)
@@ -244,7 +244,7 @@ class _Maker:
         for number in (drones + difference for difference in FLEET_SIZES):
             if not 1 <= number <= MOST_DRONES:
                 continue
-            self._telling.begins(f"with {number} drones")
+            self._listener.begins(f"with {number} drones")
             try:
                 sizes.append(self._tried(number, max(evaluations // _OTHER_SHARE, 1)))
             except InputError as error:
@@ -264,7 +264,7 @@ class _Maker:
             raise InputError("--drones auto needs --want, as in --want 1Mbps:95%")
 
         def share_with(drones: int) -> float:
-            self._telling.begins(f"are {drones} drones enough?")
+            self._listener.begins(f"are {drones} drones enough?")
             size = self._tried(drones, _PROBE_EVALUATIONS)
             return size.people.share_above_want or 0.0
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from orchid_uav.experiments.errors import InputError, RunFailedError
 from orchid_uav.experiments.replay.animation import animation, frame_slots, still_png
 from orchid_uav.experiments.replay.document import ReplayDocument
-from orchid_uav.experiments.replay.flown import Telling
+from orchid_uav.experiments.replay.flown import ReplayListener
 from orchid_uav.experiments.replay.page.page import page_html
 from orchid_uav.experiments.replay.scene import unpack
 from orchid_uav.notices import reason_of
@@ -76,20 +76,20 @@ class Output:
 
 
 def write_replay(
-    document: ReplayDocument, output: Output, telling: Telling | None = None
+    document: ReplayDocument, output: Output, listener: ReplayListener | None = None
 ) -> tuple[Path, int]:
     """Write a replay in one step; returns where, and its bytes.
 
     Args:
         document: the replay.
         output: what is to be written.
-        telling: is told how far it is.
+        listener: is told how far it is.
 
     Raises:
         InputError: the replay has no such slot, or too many for a moving picture.
         RunFailedError: the file cannot be written.
     """
-    content = _content(document, output, telling or Telling())
+    content = _content(document, output, listener or ReplayListener())
     try:
         path = output.path
         if path is None:
@@ -120,7 +120,7 @@ def check_frame(output: Output, slots: int) -> None:
         frame_slots(slots, output.every)
 
 
-def _content(document: ReplayDocument, output: Output, telling: Telling) -> bytes:
+def _content(document: ReplayDocument, output: Output, listener: ReplayListener) -> bytes:
     check_frame(output, document.slots)
     if output.kind == PAGE:
         text = json.dumps(document.to_json(), ensure_ascii=False, allow_nan=False)
@@ -129,12 +129,12 @@ def _content(document: ReplayDocument, output: Output, telling: Telling) -> byte
     if output.kind == STILL:
         return still_png(scene, document.slots if output.frame is None else output.frame, width_px)
     shown = frame_slots(document.slots, output.every)
-    telling.begins("pictures", len(shown))
+    listener.begins("pictures", len(shown))
     return animation(
         scene,
         shown,
         output.kind.removeprefix("."),
         width_px,
         output.frames_per_s or FRAMES_PER_S,
-        telling.advances,
+        listener.advances,
     )

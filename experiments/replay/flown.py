@@ -55,7 +55,7 @@ class Topology(NamedTuple):
         return evaluation_seeds(self.seed, self.number + 1)[self.number]
 
 
-class Telling:
+class ReplayListener:
     """Is told how far a replay is; this base class says nothing."""
 
     def begins(self, stage: str, steps: int) -> None:
@@ -73,7 +73,7 @@ def replay_of_flights(
     world: Parameters,
     setting: Setting,
     topology: Topology,
-    telling: Telling | None = None,
+    listener: ReplayListener | None = None,
 ) -> ReplayDocument:
     """Fly one or two methods on the same topology, and tell how it went.
 
@@ -82,16 +82,16 @@ def replay_of_flights(
         world: in which they fly.
         setting: what is changed of it.
         topology: where people are and how they walk.
-        telling: is told how far it is.
+        listener: is told how far it is.
 
     Raises:
         InputError: something cannot be flown, or not be compared.
     """
-    telling = telling or Telling()
+    listener = listener or ReplayListener()
     if not 1 <= len(contenders) <= MOST_FLIGHTS:
         raise InputError(f"{len(contenders)} methods: a replay shows one, or two side by side")
     held_out = HeldOut(world, setting, [topology.own_seed])
-    recordings = [_flown(contender, held_out, telling) for contender in contenders]
+    recordings = [_flown(contender, held_out, listener) for contender in contenders]
     _check_same_topology(contenders, recordings)
     network = setting.apply(world).network
     first = recordings[0]
@@ -142,13 +142,13 @@ def mean_metrics(flight: ReplayFlight) -> dict[str, float | None]:
     return {name: mean if math.isfinite(mean) else None for name, mean in means.items()}
 
 
-def _flown(contender: Contender, held_out: HeldOut, telling: Telling) -> Recording:
+def _flown(contender: Contender, held_out: HeldOut, listener: ReplayListener) -> Recording:
     parameters, topologies = held_out.of(contender)
     network = parameters.network
     check_size(network.episode_slots, network.uav_count, network.user_count)
-    telling.begins(contender.key, network.episode_slots)
+    listener.begins(contender.key, network.episode_slots)
     world, method = begin_flight(contender, parameters, topologies, held_out.seeds)
-    return record(world, method, telling.advances)
+    return record(world, method, listener.advances)
 
 
 def _check_same_topology(contenders: Sequence[Contender], recordings: list[Recording]) -> None:

@@ -8,6 +8,7 @@ from orchid_uav.experiments.ablation.calibration import seconds_per_episode
 from orchid_uav.experiments.errors import InputError, RunFailedError
 from orchid_uav.experiments.evaluation.directory import header_of
 from orchid_uav.experiments.jobs.executor import Executor, JobEnd, JobProgress
+from orchid_uav.experiments.provenance import Status
 from orchid_uav.experiments.reproduction.figures.all_figures import draw_figures
 from orchid_uav.experiments.reproduction.job import HOVERING, RULES, RowJob
 from orchid_uav.experiments.reproduction.needs import figures_for, needed_for
@@ -15,7 +16,7 @@ from orchid_uav.experiments.reproduction.report.page import report_html
 from orchid_uav.experiments.reproduction.result import Reproduction, reproduction
 from orchid_uav.experiments.reproduction.rows import Row, read_rows
 from orchid_uav.experiments.reproduction.trainings import QUICK_SEEDS, SEEDS, TRAININGS
-from orchid_uav.experiments.statistics.results import ResultHeader, Status
+from orchid_uav.experiments.statistics.results import ResultHeader
 from orchid_uav.notices import reason_of
 from orchid_uav.storage.files import write_atomically, write_json
 

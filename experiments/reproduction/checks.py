@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from orchid_uav.envs.parameters import Distribution
 from orchid_uav.experiments.reproduction import settings
-from orchid_uav.experiments.reproduction.evidence import LAST, Evidence, Statistic
+from orchid_uav.experiments.reproduction.evidence import Evidence, Statistic
 from orchid_uav.experiments.reproduction.settings import Case
 from orchid_uav.experiments.reproduction.verdicts import Check, Expectation
+from orchid_uav.experiments.runs.directory import FINAL_EPISODES
 
 Floats = NDArray[np.float64]
 
@@ -84,7 +85,7 @@ def _beside(
 def _trained(one: str, expected: Expectation, other: str, metric: str) -> Check:
     """Two methods at the end of their training, with the noise of training."""
     return Check(
-        f"{one} {expected} than {other}, last {LAST} training episodes",
+        f"{one} {expected} than {other}, last {FINAL_EPISODES} training episodes",
         metric,
         expected,
         MARGINS[metric],
@@ -198,7 +199,7 @@ def c3(_: Distribution) -> Iterator[Check]:
 def _late(method: str, expected: Expectation, metric: str) -> Check:
     words = "falls" if expected == "lower" else "does not fall"
     return Check(
-        f"{method} {words} from episodes 151 to 200 to the last {LAST}",
+        f"{method} {words} from episodes 151 to 200 to the last {FINAL_EPISODES}",
         metric,
         expected,
         MARGINS[metric],

@@ -10,13 +10,12 @@ from orchid_uav.experiments.ablation.design import SETTLED
 from orchid_uav.experiments.reproduction.rows import FlownCase, Row
 from orchid_uav.experiments.reproduction.settings import Case
 from orchid_uav.experiments.reproduction.trainings import SEEDS
+from orchid_uav.experiments.runs.directory import FINAL_EPISODES
 
 Floats = NDArray[np.float64]
 Statistic = Literal["mean", "std", "cv"]
 """Over a case's topologies: mean, standard deviation, or the second over the first."""
 
-LAST = 50
-"""Episodes at the end of a training that count as its result."""
 EARLY = (1, 200)
 """Episodes that are called early."""
 BEFORE_RESET, AFTER_RESET = 50, 50
@@ -98,7 +97,7 @@ class Evidence:
         return self._of_curves(method, of)
 
     def at_the_end(self, method: str, metric: str) -> Floats:
-        """Mean over the last ``LAST`` episodes of a training."""
+        """Mean over the last ``FINAL_EPISODES`` episodes of a training."""
         return self._of_curves(method, lambda row: _at_the_end(row, metric))
 
     def spread_at_the_end(self, method: str, metric: str) -> Floats:
@@ -177,4 +176,4 @@ def _blocks(row: Row, metric: str, first: int, last: int) -> Floats:
 def _at_the_end(row: Row, metric: str) -> float:
     assert row.curve is not None
     whole = len(row.curve.mean[metric]) * row.curve.block
-    return float(np.mean(_blocks(row, metric, whole - LAST + 1, whole)))
+    return float(np.mean(_blocks(row, metric, whole - FINAL_EPISODES + 1, whole)))

@@ -20,7 +20,7 @@ from orchid_uav.envs.interfaces.sb3_vec_env import FleetVecEnv
 from orchid_uav.envs.metrics import EPISODE_METRICS
 from orchid_uav.experiments.ablation.design import TOLERANCES, WINDOWS, first_firing
 from orchid_uav.experiments.configuration import RunConfig
-from orchid_uav.experiments.evaluation.flights import Metrics, Plan, evaluate
+from orchid_uav.experiments.evaluation.flights import EvaluationPlan, Metrics, evaluate
 from orchid_uav.experiments.evaluation.methods import (
     Contender,
     Policy,
@@ -103,7 +103,9 @@ def _flown(
         KeyboardInterrupt: it was asked to stop.
     """
     world = config.network_parameters.with_overrides(dict(case.world))
-    plan = Plan(contender, [case.setting], topologies, seed, world, training_progress=progress)
+    plan = EvaluationPlan(
+        contender, [case.setting], topologies, seed, world, training_progress=progress
+    )
     flown, is_complete = evaluate(plan, stop=stop)
     if not is_complete:
         raise KeyboardInterrupt

@@ -19,7 +19,7 @@ from orchid_uav.agents.deployed_actor import DESCRIPTION_FILE, WEIGHTS_FILE
 from orchid_uav.envs.metrics import COUNTS, EPISODE_METRICS
 from orchid_uav.experiments.configuration import RunConfig
 from orchid_uav.experiments.errors import InputError
-from orchid_uav.experiments.provenance import boot_id, describe_host, describe_versions
+from orchid_uav.experiments.provenance import Status, boot_id, describe_host, describe_versions
 from orchid_uav.experiments.runs.lock import RunLock
 from orchid_uav.experiments.runs.records import (
     CONFIG_FILE,
@@ -30,7 +30,6 @@ from orchid_uav.experiments.runs.records import (
     SCHEMA,
     Resumption,
     RunRecord,
-    Status,
     read_config,
     read_record,
 )

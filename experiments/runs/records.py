@@ -11,6 +11,7 @@ from pydantic import Field, JsonValue, ValidationError, field_validator
 from orchid_uav.envs.keys import describe_error
 from orchid_uav.experiments.configuration import RunConfig, as_read_before
 from orchid_uav.experiments.errors import InputError
+from orchid_uav.experiments.provenance import Status
 from orchid_uav.experiments.runs.lock import is_alive
 from orchid_uav.notices import reason_of
 from orchid_uav.storage.documents import Document
@@ -32,8 +33,7 @@ NUMERICS = 2
 """Raised whenever last digits of simulator or learner change, and with them a training's course.
 2: the simulator's own elementary functions, and the learner's products in other orders."""
 
-Status = Literal["running", "completed", "failed", "interrupted"]
-SeenStatus = Literal["running", "completed", "failed", "interrupted", "died"]
+SeenStatus = Status | Literal["died"]
 """The status that users see: "died" if a run says that it is running and its process is gone."""
 
 

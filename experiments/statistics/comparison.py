@@ -15,7 +15,7 @@ from scipy.stats import permutation_test, rankdata, t, trim_mean
 
 from orchid_uav.envs.seeds import RESAMPLING_SEED
 from orchid_uav.experiments.errors import InputError
-from orchid_uav.experiments.statistics.intervals import Floats, interval
+from orchid_uav.experiments.statistics.intervals import MIN_SEEDS, Floats, interval
 from orchid_uav.storage.documents import Document
 
 Values = Sequence[float | None] | Floats
@@ -30,8 +30,6 @@ NOT_COMPARED: Final = "not compared"
 """Replaces the verdict if the metric measures different things in base and variant."""
 
 ALPHA = 0.05
-MIN_SEEDS = 5
-"""With fewer seeds there is no interval, no equivalence and no least detectable effect."""
 FLIPS = 2**14
 """Sign patterns of the permutation test: all of them up to 14 pairs, else as many at random."""
 

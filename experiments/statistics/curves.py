@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from orchid_uav.envs.metrics import EPISODE_METRICS
 from orchid_uav.envs.seeds import RESAMPLING_SEED
 from orchid_uav.experiments.metrics import METRICS
-from orchid_uav.experiments.statistics.intervals import CONFIDENCE, RESAMPLES
+from orchid_uav.experiments.statistics.intervals import CONFIDENCE, MIN_SEEDS, RESAMPLES
 from orchid_uav.storage.documents import Document
 
 Row = Mapping[str, float]
@@ -28,8 +28,6 @@ DEFAULT_COLUMNS = (
     "coverage",
 )
 """Columns that are drawn by default."""
-MIN_RUNS = 5
-"""With fewer runs there is no interval."""
 _EPISODES_AT_ONCE = 64
 _DIGITS = 6
 
@@ -43,7 +41,7 @@ class Curve(NamedTuple):
     values: Floats
     """Values of the run, or the interquartile mean over runs."""
     band: tuple[Floats, Floats] | None
-    """Ends of the interval of the interquartile mean; None below ``MIN_RUNS`` runs."""
+    """Ends of the interval of the interquartile mean; None below ``MIN_SEEDS`` runs."""
 
 
 def scale_of(column: str) -> float:
@@ -79,7 +77,7 @@ def single_curve(rows: Sequence[Row], column: str, window: int = WINDOW) -> Curv
 def group_curve(runs: Sequence[Sequence[Row]], column: str, window: int = WINDOW) -> Curve:
     """The interquartile mean over runs at each episode, after smoothing each run.
 
-    A run that ended early counts until its last episode. With ``MIN_RUNS`` runs or more there is a
+    A run that ended early counts until its last episode. With ``MIN_SEEDS`` runs or more there is a
     band, and the curve ends where fewer runs go on. With fewer runs there is no band, and the curve
     ends with the longest run.
 
@@ -93,9 +91,9 @@ def group_curve(runs: Sequence[Sequence[Row]], column: str, window: int = WINDOW
     singles = sorted((single_curve(rows, column, window) for rows in runs), key=_length)
     if not singles:
         return Curve(0, np.empty(0), np.empty(0), None)
-    has_band = len(singles) >= MIN_RUNS
+    has_band = len(singles) >= MIN_SEEDS
     values, lows, highs = [np.empty(0)], [np.empty(0)], [np.empty(0)]
-    for begin, end, going_on in _stretches(singles, MIN_RUNS if has_band else 1):
+    for begin, end, going_on in _stretches(singles, MIN_SEEDS if has_band else 1):
         table = np.stack([curve.values[begin:end] for curve in going_on])
         values.append(interquartile_mean(table, axis=0))
         if has_band:
@@ -145,7 +143,7 @@ class CurveTable(Document):
     episodes: list[int]
     iqm: list[float | None]
     low: list[float | None] | None
-    """None below ``MIN_RUNS`` runs, as is ``high``."""
+    """None below ``MIN_SEEDS`` runs, as is ``high``."""
     high: list[float | None] | None
 
 

@@ -18,6 +18,8 @@ RESAMPLES = 2000
 _ROUNDING = 1e-12
 """Values that differ by at most this share of the greatest count as equal."""
 CONFIDENCE = 0.95
+MIN_SEEDS = 5
+"""With fewer seeds, or runs, there is no interval, no equivalence, no least detectable effect."""
 INTERVAL = f"BCa bootstrap, {RESAMPLES} resamples, {CONFIDENCE:.0%}"
 
 

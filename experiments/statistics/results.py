@@ -1,15 +1,14 @@
 """The documents of evaluations, as they are written and read back."""
 
-from typing import Annotated, Literal
+from typing import Annotated
 
 from pydantic import Field, JsonValue
 
 from orchid_uav.envs.keys import CURRENT_KEYS
 from orchid_uav.experiments.metrics import label_of
+from orchid_uav.experiments.provenance import Status
 from orchid_uav.experiments.statistics.intervals import MetricSummary
 from orchid_uav.storage.documents import Document
-
-Status = Literal["running", "completed", "failed", "interrupted"]
 
 
 class ResultHeader(Document):

@@ -27,8 +27,8 @@ from orchid_uav.envs.world import WorldBatch
 from orchid_uav.experiments.configuration import RunConfig
 from orchid_uav.experiments.errors import InputError, RunFailedError
 from orchid_uav.experiments.interruption import Interruption, interruption_requests
+from orchid_uav.experiments.provenance import Status
 from orchid_uav.experiments.runs.directory import Row, RunDirectory, final_metrics
-from orchid_uav.experiments.runs.records import Status
 from orchid_uav.experiments.training.builders import (
     build_model,
     build_reset_and_finetune,

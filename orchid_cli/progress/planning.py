@@ -5,17 +5,17 @@ from rich.progress import TaskID, TextColumn
 
 from orchid_uav.cli.console import has_cursor, print_line
 from orchid_uav.cli.progress.displays import Pace, bars
-from orchid_uav.experiments.planning.planner import Telling
+from orchid_uav.experiments.planning.planner import PlanningListener
 
 
-def planning_progress(out: Console, quiet: bool) -> Telling:
+def planning_progress(out: Console, quiet: bool) -> PlanningListener:
     """A bar on a terminal, lines elsewhere, nothing if it shall be quiet."""
     if quiet:
-        return Telling()
+        return PlanningListener()
     return _Bar(out) if has_cursor(out) else _Lines(out)
 
 
-class _Bar(Telling):
+class _Bar(PlanningListener):
     def __init__(self, out: Console) -> None:
         self._bars = bars(out, before=(TextColumn("{task.description}"),), transient=True)
         self._task: TaskID = self._bars.add_task("", total=1.0)
@@ -33,7 +33,7 @@ class _Bar(Telling):
         self._bars.stop()
 
 
-class _Lines(Telling):
+class _Lines(PlanningListener):
     def __init__(self, out: Console) -> None:
         self._out, self._pace = out, Pace()
 

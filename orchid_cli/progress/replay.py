@@ -5,17 +5,17 @@ from rich.progress import TextColumn
 
 from orchid_uav.cli.console import has_cursor, print_line
 from orchid_uav.cli.progress.displays import Pace, bars
-from orchid_uav.experiments.replay.flown import Telling
+from orchid_uav.experiments.replay.flown import ReplayListener
 
 
-def replay_progress(out: Console, quiet: bool) -> Telling:
+def replay_progress(out: Console, quiet: bool) -> ReplayListener:
     """A bar on a terminal, lines elsewhere, nothing if it shall be quiet."""
     if quiet:
-        return Telling()
+        return ReplayListener()
     return _Bar(out) if has_cursor(out) else _Lines(out)
 
 
-class _Bar(Telling):
+class _Bar(ReplayListener):
     def __init__(self, out: Console) -> None:
         before = (TextColumn("{task.description}", markup=False),)
         self._bars = bars(out, before=before, transient=True)
@@ -32,7 +32,7 @@ class _Bar(Telling):
         self._bars.stop()
 
 
-class _Lines(Telling):
+class _Lines(ReplayListener):
     def __init__(self, out: Console) -> None:
         self._out, self._pace = out, Pace()
 

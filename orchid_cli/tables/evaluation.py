@@ -1,5 +1,6 @@
 """Tables of an evaluation: mean ± standard deviation, with the best marked by a star."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -11,6 +12,9 @@ from orchid_uav.experiments.runs.records import short_ids
 from orchid_uav.experiments.statistics.results import EvaluationResult
 
 Result = EvaluationResult
+
+_MANY = 5
+"""Methods with the same numbers from which on a terminal does not name them."""
 
 _DIMENSIONS = {
     "distribution": "{}",
@@ -69,8 +73,19 @@ def _with_short_names(results: Sequence[Result]) -> list[Result]:
 def _print(
     out: Console, corner: str, methods: Sequence[str], columns: Mapping[str, Sequence[str]]
 ) -> None:
-    rows = [[method, *cells] for method, *cells in zip(methods, *columns.values(), strict=True)]
+    rows: list[Sequence[str]] = list(zip(methods, *columns.values(), strict=True))
+    if out.is_terminal:
+        rows = _with_others_as_one(rows)
     print_table(out, [corner, *columns], rows)
+
+
+def _with_others_as_one(rows: Sequence[Sequence[str]]) -> list[Sequence[str]]:
+    """Where most methods have the same numbers, such as full coverage, one row for all of them."""
+    cells, count = Counter(tuple(row[1:]) for row in rows).most_common(1)[0]
+    if count < _MANY or 2 * count <= len(rows):
+        return list(rows)
+    others = "all methods" if count == len(rows) else f"the {count} others"
+    return [*(row for row in rows if tuple(row[1:]) != cells), [others, *cells]]
 
 
 def _column(results: Sequence[Result | None], metric: str) -> list[str]:

@@ -39,8 +39,8 @@ _SAID: Mapping[str, str] = {
     "rate JFI is {4} beside the twin, which starts at the same wrong places.",
     "c16": "**From random starts training ends worse, in reward too.** Beside starts from "
     "K-Means++, in the last 50 training episodes: reward {0}, which the paper has higher; energy "
-    "efficiency {1} and load JFI {2}, lower as in the paper. Both spread more, as in the paper: "
-    "energy efficiency's coefficient of variation {3}, load JFI's standard deviation {4}.",
+    "efficiency {1} and load JFI {2}, lower as in the paper. Both spread more over the last 200 "
+    "episodes, as in the paper: standard deviation of energy efficiency {3}, of load JFI {4}.",
     "c17": "**Max-min shares do not end as fair as proportional ones: they end fairer.** After "
     "1,000 episodes with three resets each, flown without noise: rate JFI {0}.",
     "c19": "**They raise the floor, as the paper says**: the worst user's rate {0} in the mean, "

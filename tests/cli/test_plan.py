@@ -11,7 +11,7 @@ from rich.console import Console
 from orchid_uav.cli.tables.planning import print_plan
 from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.planning import plan
-from orchid_uav.experiments.planning.planner import Telling
+from orchid_uav.experiments.planning.planner import PlanningListener
 from orchid_uav.experiments.planning.result import PlanDocument
 from tests.helpers.processes import assert_is_an_error, fingerprint
 
@@ -124,7 +124,7 @@ class TestPlan:
 
     def test_the_display_ends_before_any_error_is_told(self, orchid, out, monkeypatch):
         ended = []
-        monkeypatch.setattr(Telling, "ends", lambda _: ended.append(True))
+        monkeypatch.setattr(PlanningListener, "ends", lambda _: ended.append(True))
         out.mkdir()
         (out / "mine.txt").write_text("")
         assert orchid("plan", PEOPLE, "--out", out, "--quiet").code == 2

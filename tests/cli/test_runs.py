@@ -1055,12 +1055,19 @@ class TestNext:
         two = make_run(runs, "two", status="interrupted")
         reseal(two / "run.json", started="2099-01-01T00:00:00+00:00")
         names = [two.name, one.name]
-        for command in ("list", "compare"):
-            given = names if command == "compare" else []
-            following = ["runs", "compare"] if command == "list" else ["eval"]
+        for command, given, following in (
+            ("list", [], ["train", "--resume", two.name]),
+            ("list", ["--where", "status=completed"], ["runs", "show", one.name]),
+            ("compare", names, ["eval", *names]),
+        ):
             assert self.suggested(monkeypatch, orchid, "runs", command, *given) == [
-                *("orchid", *following, *names),
+                *("orchid", *following),
             ]
+        three = make_run(runs, "three")
+        reseal(three / "run.json", started="2099-01-02T00:00:00+00:00")
+        assert self.suggested(monkeypatch, orchid, "runs", "list") == [
+            *("orchid", "runs", "compare", three.name, two.name),
+        ]
 
     def test_of_one_that_died_is_how_it_goes_on(self, monkeypatch, orchid, runs):
         path = make_run(runs, status="died", log=rows(1))

@@ -48,7 +48,7 @@ from orchid_uav.experiments.ablation.result import AblationResult, TriggerReplay
 from orchid_uav.experiments.ablation.variants import Variant, apply_variant, assigned
 from orchid_uav.experiments.errors import RunFailedError
 from orchid_uav.experiments.evaluation import flights as evaluation
-from orchid_uav.experiments.evaluation.flights import Plan, Setting, evaluate
+from orchid_uav.experiments.evaluation.flights import EvaluationPlan, Setting, evaluate
 from orchid_uav.experiments.evaluation.methods import rules
 from orchid_uav.experiments.jobs import choice
 from orchid_uav.experiments.jobs.executor import JobEnd
@@ -261,7 +261,7 @@ class TestPlan:
         ]
         network = self.BASE.network
         setting = Setting("tcp", network.uav_count, network.user_count, 2.0, 1.0)
-        evaluate(Plan(contenders, [setting], 3, 0, self.BASE.network_parameters))
+        evaluate(EvaluationPlan(contenders, [setting], 3, 0, self.BASE.network_parameters))
         own, _ = seen["static-mmf"]
         assert not np.array_equal(seen["network.scatter_std_m"][0], own)
         assert np.array_equal(seen["network.user_speed_mps"][0], own)

@@ -33,8 +33,8 @@ from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.evaluation import directory as evaluation_files
 from orchid_uav.experiments.evaluation import flights as evaluation
 from orchid_uav.experiments.evaluation.flights import (
+    EvaluationPlan,
     HeldOut,
-    Plan,
     Setting,
     evaluate,
     summarise_flights,
@@ -104,7 +104,7 @@ ONE_SETTING = [Setting("tcp", 2, 20, 0.0, 1.0)]
 
 def tiny_plan(contenders, settings=ONE_SETTING, episodes=4, **overrides):
     world = Parameters().with_overrides({"network.episode_slots": 10, **overrides})
-    return Plan(contenders, settings, episodes, seed=5, world=world)
+    return EvaluationPlan(contenders, settings, episodes, seed=5, world=world)
 
 
 def fly(plan, **keywords):
@@ -369,6 +369,28 @@ def test_on_a_terminal_no_number_and_no_word_is_broken(width, settings):
     assert not any(run in text for run in RUN_IDS)
     for word in ("efficiency", "(Mbit/J)", "violations", "JFI"):
         assert len(settings) > 1 or word in text.split()
+
+
+@pytest.mark.parametrize(("alike", "one_row"), [(4, None), (5, "the 5 others"), (6, "all methods")])
+def test_methods_with_the_same_numbers_are_one_row_on_a_terminal(alike, one_row):
+    settings = [Setting(), Setting(uavs=4)]
+    results = made_up_results(settings)
+    same = results[0].metrics["coverage"]
+    names = list(dict.fromkeys(result.method for result in results))
+    for result in results:
+        if result.method in names[:alike]:
+            result.metrics["coverage"] = same
+    text = shown_at(140, results, ["coverage"])
+    rows = [re.split(" {2,}", line.rstrip()) for line in text.splitlines()[2:]]
+    value = METRICS["coverage"].text(same.mean)
+    if one_row is None:
+        assert len(rows) == 6
+    else:
+        assert len(rows) == 1 + 6 - alike
+        assert [cell.removesuffix(" *") for cell in rows[-1]] == [one_row, value, value]
+    out = io.StringIO()
+    print_tables(Console(file=out, force_terminal=False), results, ["coverage"])
+    assert len(out.getvalue().splitlines()) == 2 + 6, "a program is told every row"
 
 
 def test_of_equal_names_and_seeds_the_letters_are_shown():

@@ -22,7 +22,7 @@ from orchid_uav.experiments.configuration import (
 )
 from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.evaluation.directory import describe_plan, read_interrupted
-from orchid_uav.experiments.evaluation.flights import Plan, Setting
+from orchid_uav.experiments.evaluation.flights import EvaluationPlan, Setting
 from orchid_uav.experiments.evaluation.methods import read_policy, rules
 from orchid_uav.experiments.runs.index import read_run
 from orchid_uav.experiments.runs.records import read_config, read_record
@@ -176,7 +176,7 @@ class TestRuns:
 
 
 def test_an_interrupted_evaluation_of_the_first_version_goes_on(tmp_path):
-    plan = Plan([rules()["static-mmf"]], [Setting()], 2, 0, Parameters())
+    plan = EvaluationPlan([rules()["static-mmf"]], [Setting()], 2, 0, Parameters())
     settings = describe_plan(plan, 3000)
     former = json.loads(json.dumps(settings.to_json()))
     former["world"] = as_formerly(former["world"])
@@ -186,7 +186,7 @@ def test_an_interrupted_evaluation_of_the_first_version_goes_on(tmp_path):
     before = fingerprint(tmp_path)
     assert read_interrupted(tmp_path, plan, settings) == {}
     other = Parameters().with_overrides({"area_m": 500.0})
-    other_plan = Plan(plan.contenders, plan.settings, 2, 0, other)
+    other_plan = EvaluationPlan(plan.contenders, plan.settings, 2, 0, other)
     with pytest.raises(InputError, match="other settings: world"):
         read_interrupted(tmp_path, other_plan, describe_plan(other_plan, 3000))
     assert fingerprint(tmp_path) == before

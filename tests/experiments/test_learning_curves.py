@@ -27,12 +27,12 @@ from orchid_uav.experiments.figures.learning_curves import draw_learning_curves
 from orchid_uav.experiments.figures.style import line_styles
 from orchid_uav.experiments.statistics.curves import (
     DEFAULT_COLUMNS,
-    MIN_RUNS,
     curve_table,
     group_curve,
     single_curve,
     smoothed,
 )
+from orchid_uav.experiments.statistics.intervals import MIN_SEEDS
 from tests.helpers.run_directories import row
 
 NUMBERS = st.floats(-1e6, 1e6)
@@ -230,7 +230,7 @@ class TestFigure:
         assert not [one for one in axes.collections if isinstance(one, PolyCollection)]
 
     def test_a_group_of_five_is_a_line_and_a_band(self, drawn):
-        runs = [noisy(seed) for seed in range(MIN_RUNS)]
+        runs = [noisy(seed) for seed in range(MIN_SEEDS)]
         figure, _ = drawn({"group": runs}, columns=["rate_jfi"])
         (axes,) = figure.axes
         (line,) = lines_of(axes)

@@ -94,7 +94,7 @@ class TestFlights:
         monkeypatch.setattr(flights, "_WORLDS_AT_ONCE", 2)
         own = read_own_methods(["rule.py:StandStill"])
         world = Parameters().with_overrides({"episode_slots": 3})
-        plan = flights.Plan(own, [flights.Setting(uavs=2, users=9)], 4, 0, world)
+        plan = flights.EvaluationPlan(own, [flights.Setting(uavs=2, users=9)], 4, 0, world)
         assert flights.evaluate(plan)[1]
 
     def test_a_function_and_what_lies_beside_the_file_will_do(self, evaluate, tmp_path):

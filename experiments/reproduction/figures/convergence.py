@@ -25,7 +25,6 @@ from orchid_uav.experiments.figures.style import (
     wrap,
 )
 from orchid_uav.experiments.metrics import METRICS
-from orchid_uav.experiments.reproduction.evidence import LAST
 from orchid_uav.experiments.reproduction.figures.drawn import (
     PANELS,
     DrawnFigure,
@@ -36,13 +35,13 @@ from orchid_uav.experiments.reproduction.figures.drawn import (
 )
 from orchid_uav.experiments.reproduction.rows import Row
 from orchid_uav.experiments.reproduction.settings import CURVE_TOPOLOGIES
+from orchid_uav.experiments.runs.directory import FINAL_EPISODES
 from orchid_uav.experiments.statistics.curves import (
-    MIN_RUNS,
     Curve,
     group_curve,
     scale_of,
 )
-from orchid_uav.experiments.statistics.intervals import CONFIDENCE
+from orchid_uav.experiments.statistics.intervals import CONFIDENCE, MIN_SEEDS
 
 _PANEL_IN = 1.35
 _MARKERS = 6
@@ -219,7 +218,7 @@ class _Sheet:
                 f"Lower row: the policy of the moment without noise, on {CURVE_TOPOLOGIES} other "
                 "topologies, at the training's progress; hovering flies these as well."
             )
-        if any(len(own) >= MIN_RUNS for own in self.by_method.values()):
+        if any(len(own) >= MIN_SEEDS for own in self.by_method.values()):
             sentences.append(
                 "Line and band: interquartile mean over seeds, and its "
                 f"{CONFIDENCE:.0%} bootstrap interval."
@@ -243,8 +242,8 @@ class _Sheet:
             begin = value_text(metric, curve.values[0] / scale_of(metric))
             heading = METRICS[metric].title
             sentences.append(
-                f"{heading[:1].upper()}{heading[1:]} over the last {LAST} episodes of training: "
-                f"{extremes_text(metric, ends)}; {first} begins at {begin} and ends at "
+                f"{heading[:1].upper()}{heading[1:]} over the last {FINAL_EPISODES} episodes of "
+                f"training: {extremes_text(metric, ends)}; {first} begins at {begin} and ends at "
                 f"{value_text(metric, ends[first])}."
             )
             flown = {
@@ -284,6 +283,6 @@ def _flown(rows: Sequence[Row], metric: str) -> Curve:
 
 
 def _end(curve: Curve, metric: str) -> float:
-    """Mean over the last ``LAST`` episodes, in the stored unit."""
-    late = curve.episodes > curve.episodes[-1] - LAST
+    """Mean over the last ``FINAL_EPISODES`` episodes, in the stored unit."""
+    late = curve.episodes > curve.episodes[-1] - FINAL_EPISODES
     return float(np.mean(curve.values[late])) / scale_of(metric)

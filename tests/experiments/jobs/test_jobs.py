@@ -356,7 +356,7 @@ class TestProcesses:
         thread.start()
         thread.join(GIVE_UP_AFTER_S)
         assert [end.status for end in ends] == ["completed"]
-        assert handlers == [before]
+        assert set(handlers) == {before}  # a slow machine is told of more than once
 
 
 class TestErrorTexts:

@@ -10,7 +10,7 @@ from orchid_uav.agents.controllers.heuristics import Loiter
 from orchid_uav.envs import evaluation_seeds, parallel_env
 from orchid_uav.envs.parameters import Parameters
 from orchid_uav.experiments.errors import InputError
-from orchid_uav.experiments.evaluation.flights import Plan, Setting, evaluate
+from orchid_uav.experiments.evaluation.flights import EvaluationPlan, Setting, evaluate
 from orchid_uav.experiments.evaluation.methods import STATIONS, select
 from orchid_uav.experiments.metrics import METRICS
 from orchid_uav.experiments.replay import flown
@@ -98,7 +98,7 @@ def test_fairness_and_coverage_follow_from_what_is_shown():
 def test_an_evaluation_reports_the_same_means():
     contenders = [select([key])[0] for key in ("orchid-distilled", "balanced-loiter")]
     world = parameters_with()
-    evaluated, _ = evaluate(Plan(contenders, [SETTING], 2, 7, world))
+    evaluated, _ = evaluate(EvaluationPlan(contenders, [SETTING], 2, 7, world))
     document = replay_of_flights(contenders, world, SETTING, Topology(7, 1))
     for flight, found in zip(document.flights, evaluated.values(), strict=True):
         for name, mean in mean_metrics(flight).items():

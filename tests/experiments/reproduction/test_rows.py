@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from orchid_uav.experiments.errors import InputError
-from orchid_uav.experiments.evaluation.flights import Plan, Setting, evaluate
+from orchid_uav.experiments.evaluation.flights import EvaluationPlan, Setting, evaluate
 from orchid_uav.experiments.evaluation.methods import read_policy, rows_of
 from orchid_uav.experiments.reproduction import job as jobs
 from orchid_uav.experiments.reproduction import settings, trainings
@@ -53,7 +53,7 @@ class TestARow:
         contender = rows_of(policy, "x", "", stochastic=False, is_zero=False)
         for case in CASES:
             world = policy.config.network_parameters.with_overrides(dict(case.world))
-            plan = Plan(contender, [case.setting], 3, EVALUATION_SEED, world)
+            plan = EvaluationPlan(contender, [case.setting], 3, EVALUATION_SEED, world)
             [flown] = evaluate(plan)[0].values()
             found = row.find(case)
             for name, values in flown.items():
