@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from orchid_uav.experiments.errors import InputError
+from orchid_uav.notices import reason_of
 
 _MOST_BYTES = 2**20
 _PATIENCE_S = 1.0
@@ -47,7 +48,9 @@ def read_configuration(path: Path, say: Callable[[str], object]) -> tuple[str, s
         if len(content) > _MOST_BYTES:
             raise InputError(f"configuration {path} is larger than {_MOST_BYTES // 2**20} MiB")
         text = io.TextIOWrapper(io.BytesIO(content), encoding="utf-8-sig").read()
-    except (OSError, ValueError, RuntimeError) as error:  # not UTF-8, or no home directory
+    except OSError as error:
+        raise InputError(f"cannot read configuration {path}: {reason_of(error)}") from error
+    except (ValueError, RuntimeError) as error:  # not UTF-8, or no home directory
         raise InputError(f"cannot read configuration {path}: {error}") from error
     if suffix not in ("toml", "json"):
         suffix = "json" if text.lstrip().startswith("{") else "toml"

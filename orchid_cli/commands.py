@@ -18,6 +18,10 @@ SEED: dict[str, Any] = {"min": 0, "metavar": "N", "callback": _below_2_to_the_63
 """Settings of every topology seed option; showing its range would fill half a line of the help."""
 
 
+_CALLED_OTHERWISE = {"--uavs": "--drones", "--drones": "--uavs"}
+"""Planners say drones, the paper UAVs: who knows one command's option is told the other's."""
+
+
 class Commands(typer.Typer):
     """A group of commands with the settings that every group of ``orchid`` shares."""
 
@@ -57,7 +61,13 @@ class _Command(TyperCommand):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         given = list(args)
-        left: list[str] = super().parse_args(ctx, args)
+        try:
+            left: list[str] = super().parse_args(ctx, args)
+        except Exception as error:  # click's NoSuchOption, of which newer Typers have their own
+            own_name = _CALLED_OTHERWISE.get(getattr(error, "option_name", ""))
+            if any(own_name in parameter.opts for parameter in self.params):
+                vars(error)["possibilities"] = [own_name]
+            raise
         if not ctx.resilient_parsing:
             _check_not_empty(given)
         return left

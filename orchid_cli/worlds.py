@@ -62,10 +62,12 @@ def tell_differences(contenders: Sequence["Contender"], world: RunConfig) -> Non
 
     told: set[str] = set()
     for contender in contenders:
-        if contender.policy is not None and contender.policy.run not in told:
-            told.add(contender.policy.run)
-            if not contender.policy.is_complete:
-                print_note(f"run {contender.policy.run} was interrupted")
-            differing = world_differences(contender.policy, world)
+        policy = contender.policy
+        if policy is not None and policy.run not in told:
+            told.add(policy.run)
+            if not policy.is_complete:
+                done, wanted = policy.episodes, policy.config.training.episodes
+                print_note(f"run {policy.run} was interrupted after {done} of {wanted} episodes")
+            differing = world_differences(policy, world)
             if differing:
                 print_note(f"{contender.key} was trained in another world: {', '.join(differing)}")

@@ -88,6 +88,12 @@ class Policy:
     is_complete: bool = True
     """False if the run was interrupted."""
 
+    @property
+    def episodes(self) -> int | None:
+        """Episodes that it has learned from; None in a policy that does not say so."""
+        description = self.actor.description
+        return None if description is None else description.episodes
+
 
 @dataclass(frozen=True)
 class Contender:

@@ -122,6 +122,15 @@ class TestOptions:
         for flag in wanted:
             assert f"--{flag.name} " in told
 
+    @pytest.mark.parametrize(
+        ("command", "given", "meant"),
+        [("plan", "--uavs", "--drones"), ("eval", "--drones", "--uavs")],
+    )
+    def test_are_told_to_who_says_drones_for_uavs(self, orchid, command, given, meant):
+        refused = orchid(command, given, "3")
+        assert_is_an_error(refused, given, meant)  # in words of Typer's
+        assert "--mast" not in refused.err
+
     def test_of_an_evaluation_list_what_a_setting_consists_of(self):
         assert set(SETTING_KEYS) == set(SETTING_FIELDS)
 

@@ -1055,12 +1055,12 @@ class TestNext:
         two = make_run(runs, "two", status="interrupted")
         reseal(two / "run.json", started="2099-01-01T00:00:00+00:00")
         names = [two.name, one.name]
-        for command, given, following in (
+        for command, arguments, following in (
             ("list", [], ["train", "--resume", two.name]),
             ("list", ["--where", "status=completed"], ["runs", "show", one.name]),
             ("compare", names, ["eval", *names]),
         ):
-            assert self.suggested(monkeypatch, orchid, "runs", command, *given) == [
+            assert self.suggested(monkeypatch, orchid, "runs", command, *arguments) == [
                 *("orchid", *following),
             ]
         three = make_run(runs, "three")

@@ -821,7 +821,9 @@ def test_an_interrupted_run_is_flown_with_a_note(evaluate_tiny, run_copy):
     reseal(run_copy / "run.json", status="interrupted")
     finished = evaluate_tiny(run_copy, "--methods=static-mmf", "--no-figures")
     assert finished.code == 0
-    assert "was interrupted" in finished.err
+    planned = json.loads((run_copy / "config.json").read_text())["training"]["episodes"]
+    done = json.loads((run_copy / "policy.json").read_text())["episodes"]
+    assert f"was interrupted after {done} of {planned} episodes" in finished.err
 
 
 def test_an_interrupted_evaluation_of_an_earlier_version_is_flown_again(

@@ -15,6 +15,8 @@ MOST_POLAR_DEG = 89.9
 _MOST_M = 1e7
 """Local coordinates at most; northings of national grids reach that far."""
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
+_OF_DEGREES = "°º′″'\""
+"""Marks of angles in minutes and seconds."""
 _WHOLE = re.compile(r"\+?(\d{1,18})(?:\.0)?", re.ASCII)
 _UNSEEN = {ord("\u2212"): "-"} | dict.fromkeys(map(ord, "\ufeff\u200b\u200e\u200f\u2060"))
 """A typographic minus is meant as one; marks that have no width come along when text is copied."""
@@ -57,6 +59,11 @@ def number_of_text(text: str) -> float:
         raise ValueError("the value is missing")
     if not _NUMBER.fullmatch(number):
         right = "write it with a decimal point and without units, such as -62.7204"
+        if any(mark in number for mark in _OF_DEGREES):
+            right = (
+                "write decimal degrees instead of minutes and seconds (degrees + minutes / 60 + "
+                "seconds / 3600), positive in the north and the east, such as -62.7204"
+            )
         raise ValueError(f"{shown(text)} is not a number: {right}")
     return _finite(float(number), text)
 

@@ -102,7 +102,7 @@ WRONG_CELLS = {
     "1_7": "is not a number",
     "0x11": "is not a number",
     "\uff11\uff17": "is not a number",  # digits, but not of ASCII
-    "17°18'": "is not a number",
+    "17°18'": "write decimal degrees instead of minutes and seconds",
     "90.5": "90.5 is not a latitude, which lies between -90 and 90 degrees",
     "-89.95": "too near to a pole",
     "1e308": "is not a latitude",
