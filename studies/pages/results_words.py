@@ -1,8 +1,10 @@
 """What the committed rows say, in words, for docs/results.md; each sentence once it is measured."""
 
 import statistics
+import tomllib
 from collections import defaultdict
 from collections.abc import Mapping
+from pathlib import Path
 
 from orchid_uav.experiments.reproduction.checks import MARGINS, NEAREST, VARIANCE_RATIO
 from orchid_uav.experiments.reproduction.job import RULES
@@ -16,60 +18,28 @@ from studies.pages.markdown import recorded, table
 from studies.pages.results import PAGE, is_measured, result
 from studies.recording import ROOT, read
 
-_SAID: Mapping[str, str] = {
-    "q1": "**The trained policy of the paper, flown without its noise, is worse than doing "
-    "nothing.** Beside its twin: utility {0}, rate JFI {1}, worst user's rate {2}.",
-    "c2": "**Its energy efficiency in training is its noise's.** While it is trained, noise moves "
-    "the UAVs, and a rotor takes less power in slow flight than in hovering: {0} beside hovering "
-    "in the last 50 episodes. Flown without the noise it is {1}.",
-    "q2": "**That Reset-and-Finetune makes the paper's policy better is not shown**: with it, "
-    "less without it, utility {0}, energy efficiency {1}, rate JFI {2}, load JFI {3}.",
-    "q3": "**A linear decay of the learning rates does as well, and so does a reset at a random "
-    "moment.** With Reset-and-Finetune the policy has more utility than with a reset that leaves "
-    "the learning rates as they are: {0}; not surely more than where they are lowered at the "
-    "plateau without a reset: {1}; and not by a margin that counts more than where the same "
-    "happens at a random episode, {2}, or where they fall linearly, {3}.",
-    "c4": "**Nothing is seen to fall late without Reset-and-Finetune.** From episodes 151 to 200 "
-    "to the last 50, energy efficiency changes by {0} and load JFI by {3} without it, by {1} and "
-    "{4} with it. At the end, with it less without it, energy efficiency {2} and load JFI {5}: "
-    "both within the margins that were set before.",
-    "c20": "**Training does not make the association more stable.** Blocking pairs beside those of "
-    "the twin: {0} where users stay, {1} where they walk.",
-    "c28": "**Phase II does not mend errors of localisation.** Where Phase I sees users 150 m off, "
-    "rate JFI is {4} beside the twin, which starts at the same wrong places.",
-    "c16": "**From random starts training ends worse, in reward too.** Beside starts from "
-    "K-Means++, in the last 50 training episodes: reward {0}, which the paper has higher; energy "
-    "efficiency {1} and load JFI {2}, lower as in the paper. Both spread more over the last 200 "
-    "episodes, as in the paper: standard deviation of energy efficiency {3}, of load JFI {4}.",
-    "c17": "**Max-min shares do not end as fair as proportional ones: they end fairer.** After "
-    "1,000 episodes with three resets each, flown without noise: rate JFI {0}.",
-    "c19": "**They raise the floor, as the paper says**: the worst user's rate {0} in the mean, "
-    "and {1} at the fifth percentile of topologies.",
-    "c18": "**They do not have the higher energy efficiency**: {0} beside proportional shares.",
-    "c21": "**They keep the UAVs further apart, by less than counts**: {0} to the nearest UAV, "
-    f"where {MARGINS[NEAREST]:g} m had been set as the least that matters.",
-    "c27": "**Updates shrink by somewhat more than κ² says.** Variance of the 50 updates after the "
-    "reset over that of the 50 before, as a decimal logarithm beside κ²: {0} with κ = 0.5, "
-    "{1} with κ = 0.1. "
-    f"A factor of two, {MARGINS[VARIANCE_RATIO]:g}, had been set as what does not matter.",
-    "c24": "**Whether walking users cost hovering energy efficiency hangs on how they walk.** With "
-    "new headings every second users hardly get anywhere: {0} at 15 m/s. With headings of 20 s: "
-    "{1}.",
-    "c15": "**Hovering's fairness is not seen to spread more as users walk.** From 0 to 15 m/s, "
-    "with headings of 20 s, its rate JFI changes by {6}, and the spread of that by {7}.",
-}
-"""By claim; ``{2}`` is the difference of its third comparison, with the interval."""
+
+def sentences() -> Mapping[str, Mapping[str, str]]:
+    """Headings with claims and what is said of each; ``{2}`` stands for its third difference."""
+    return tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
 
 
 def words_block() -> str:
     """A sentence for every claim that is measured and has one."""
     found = {claim.key: claim for claim in (*result().questions, *result().claims)}
-    told = [
-        f"* {text.format(*map(_difference, found[key].tcp.checks))} ({key.upper()})"
-        for key, text in _SAID.items()
-        if is_measured(found[key])
-    ]
-    return "\n".join(told)
+    parts = []
+    for heading, said in sentences().items():
+        told = [told_of(found[key], text) for key, text in said.items() if is_measured(found[key])]
+        if told:
+            parts += [f"### {heading}", "\n".join(told)]
+    return "\n\n".join(parts)
+
+
+def told_of(claim: JudgedClaim, text: str) -> str:
+    """The sentence of a claim with its numbers."""
+    differences = map(_difference, claim.tcp.checks)
+    margins = {"distance_margin_m": MARGINS[NEAREST], "variance_margin": MARGINS[VARIANCE_RATIO]}
+    return f"* {' '.join(text.split()).format(*differences, **margins)} ({claim.key.upper()})"
 
 
 def _difference(check: Judgement) -> str:
