@@ -3,7 +3,14 @@
 import time
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn, TimeElapsedColumn
+from rich.progress import (
+    BarColumn,
+    Progress,
+    ProgressColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 
 SECONDS_BETWEEN_LINES = 5.0
 
@@ -33,6 +40,11 @@ class Pace:
         return True
 
 
+def time_left() -> tuple[ProgressColumn, ...]:
+    """Columns to stand behind the time taken."""
+    return TextColumn("and"), TimeRemainingColumn(), TextColumn("left")
+
+
 def bars(
     out: Console,
     *behind: ProgressColumn,
@@ -50,7 +62,7 @@ def bars(
     return Progress(
         *before,
         BarColumn(bar_width=None),
-        TextColumn("{task.percentage:.0f} %"),
+        TextColumn("{task.percentage:.0f} % in"),
         TimeElapsedColumn(),
         *behind,
         console=out,

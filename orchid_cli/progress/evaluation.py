@@ -1,10 +1,10 @@
 """The progress of an evaluation, on terminals and in logs."""
 
 from rich.console import Console
-from rich.progress import TextColumn, TimeRemainingColumn
+from rich.progress import TextColumn
 
 from orchid_uav.cli.console import has_cursor, print_line
-from orchid_uav.cli.progress.displays import Pace, bars
+from orchid_uav.cli.progress.displays import Pace, bars, time_left
 from orchid_uav.experiments.evaluation.flights import Flight, FlightProgress, describe
 from orchid_uav.experiments.metrics import label_of
 from orchid_uav.experiments.runs.records import short_ids
@@ -74,8 +74,7 @@ class LiveProgress(_Display):
         super().__init__(out)
         self._progress = bars(
             out,
-            TextColumn("left"),
-            TimeRemainingColumn(),
+            *time_left(),
             TextColumn("{task.description}"),
             transient=True,
         )

@@ -4,11 +4,11 @@ from collections.abc import Sequence
 
 from rich.console import Console, Group
 from rich.live import Live
-from rich.progress import MofNCompleteColumn, TextColumn, TimeRemainingColumn
+from rich.progress import MofNCompleteColumn, TextColumn
 from rich.table import Table
 
 from orchid_uav.cli.console import has_cursor, print_line
-from orchid_uav.cli.progress.displays import Pace, bars
+from orchid_uav.cli.progress.displays import Pace, bars, time_left
 from orchid_uav.experiments.configuration import RunConfig
 from orchid_uav.experiments.runs.directory import FINAL_EPISODES, Row, RunDirectory
 from orchid_uav.experiments.training.listeners import Reporter
@@ -126,8 +126,7 @@ class LiveReporter(_Display):
         super().begin(run, config, rows, reset_episodes)
         self._progress = bars(
             self._out,
-            TextColumn("left"),
-            TimeRemainingColumn(),
+            *time_left(),
             before=(TextColumn("[bold]episode"), MofNCompleteColumn()),
         )
         self._task = self._progress.add_task(

@@ -7,7 +7,7 @@ from rich.console import Console
 from rich.progress import TextColumn
 
 from orchid_uav.cli.progress import displays
-from orchid_uav.cli.progress.displays import SECONDS_BETWEEN_LINES, Pace, bars
+from orchid_uav.cli.progress.displays import SECONDS_BETWEEN_LINES, Pace, bars, time_left
 
 
 @pytest.fixture
@@ -32,9 +32,9 @@ def test_a_log_gets_a_line_every_few_seconds_however_often_it_asks(clock, at_onc
 def test_bars_fill_the_width_of_the_terminal():
     file = io.StringIO()
     out = Console(file=file, force_terminal=True, width=80, color_system=None)
-    progress = bars(out, before=(TextColumn("episode"),))
+    progress = bars(out, *time_left(), before=(TextColumn("episode"),))
     progress.add_task("", total=4.0, completed=1.0)
     out.print(progress)
     line = file.getvalue().rstrip("\n")
-    assert line.startswith("episode ") and line.endswith(" 25 % 0:00:00")
+    assert line.startswith("episode ") and line.endswith(" 25 % in 0:00:00 and -:--:-- left")
     assert len(line) == 80
