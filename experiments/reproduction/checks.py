@@ -425,7 +425,8 @@ def c26(distribution: Distribution) -> Iterator[Check]:
 
 def c27(_: Distribution) -> Iterator[Check]:
     """What variances do at the reset, beside κ²."""
-    for method, kappa in ((ORCHID, 0.5), ("orchid-kappa-0.1", 0.1)):
+    lowered_alone = f"{ORCHID}-decay-only"
+    for method, kappa in ((lowered_alone, 0.5), (ORCHID, 0.5), (f"{ORCHID}-kappa-0.1", 0.1)):
         yield Check(
             f"{method}: Var(Δθ) of the 50 updates after the reset over that of the 50 before, "
             f"beside κ² = {kappa**2:g} (decimal logarithms)",
@@ -492,3 +493,13 @@ def q6(distribution: Distribution) -> Iterator[Check]:
 def c29(_: Distribution) -> Iterator[Check]:
     """Nothing: no backhaul of the model has a capacity."""
     return iter(())
+
+
+def c30(distribution: Distribution) -> Iterator[Check]:
+    """ORCHID beside hovering with either rule of sharing, where users walk fastest."""
+    for hold_s in settings.HEADINGS_S:
+        fast = settings.speeds(distribution, hold_s)[-1]
+        where = f" at 15 m/s, headings held {hold_s:g} s"
+        for rule in (STATIC, STATIC_MMF):
+            for metric in (RATE, LOAD):
+                yield _beside(ORCHID, "not lower", rule, metric, [fast], where=where)

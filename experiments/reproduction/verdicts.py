@@ -120,8 +120,8 @@ def _finding(
 
     *Higher* and *lower*: no, where the difference is shown to lie within the margin, or on the
     other side of 0; yes, where it is shown to be on the right side. *Equal*: yes within the margin,
-    no where a difference is shown. *Not lower* and *not higher*: yes, where it is shown not to go
-    beyond the margin; no, where a difference the wrong way is shown and is not within the margin.
+    no where it is shown to be beyond it. *Not lower* and *not higher*: yes, where it is shown not
+    to go beyond the margin the wrong way; no, where it is shown to go beyond it.
     """
     mean, equivalence = comparison.difference.mean, comparison.equivalence
     if comparison.n < LEAST_SEEDS or mean is None or p_holm is None:
@@ -129,7 +129,8 @@ def _finding(
     is_equal = equivalence is not None and equivalence.equivalent
     is_shown = p_holm <= ALPHA
     if check.expected == "equal":
-        return "yes" if is_equal else "no" if is_shown else "undecided"
+        is_beyond = is_shown and p_beyond(differences * np.sign(mean), -check.margin) <= ALPHA
+        return "yes" if is_equal else "no" if is_beyond else "undecided"
     sign = 1.0 if check.expected in ("higher", "not lower") else -1.0
     is_right = sign * mean > 0.0
     if check.expected in ("higher", "lower"):
@@ -138,11 +139,15 @@ def _finding(
         return "no" if is_equal or is_shown else "undecided"
     if p_beyond(sign * differences, check.margin) <= ALPHA:
         return "yes"
-    return "no" if is_shown and not is_right else "undecided"
+    is_beyond = is_shown and p_beyond(-sign * differences, -check.margin) <= ALPHA
+    return "no" if is_beyond else "undecided"
 
 
 def p_beyond(differences: Floats, margin: float) -> float:
-    """p-value that the mean lies below −margin: a one-sided paired t-test against it."""
+    """p-value that the mean lies below −margin: a one-sided paired t-test against it.
+
+    With a negative margin it is about a mean that does not reach so far above 0.
+    """
     distance = float(np.mean(differences)) + margin
     error = float(np.std(differences, ddof=1)) / math.sqrt(len(differences))
     if not error:
@@ -153,13 +158,13 @@ def p_beyond(differences: Floats, margin: float) -> float:
 def verdict_of(findings: Sequence[Finding]) -> Verdict:
     """Sum the findings of a claim's checks up.
 
-    *Holds*: all are yes. *Partly*: some are yes and some no. *Does not hold*: some are no and none
-    yes. *Undecided*: anything else, and nothing is known to be against it.
+    *Holds*: all are yes. *Partly*: some are yes and some no. *Does not hold*: all are no.
+    *Undecided*: anything else, as what is open may still go either way.
     """
     if not findings:
         return "not testable in this model"
     if all(finding == "yes" for finding in findings):
         return "holds"
-    if "no" not in findings:
-        return "undecided"
-    return "partly" if "yes" in findings else "does not hold"
+    if "yes" in findings and "no" in findings:
+        return "partly"
+    return "undecided" if "undecided" in findings else "does not hold"

@@ -1,27 +1,56 @@
 """What the committed rows say, in words, for docs/results.md; each sentence once it is measured."""
 
+import functools
 import statistics
 import tomllib
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
-from orchid_uav.experiments.reproduction.checks import MARGINS, NEAREST, VARIANCE_RATIO
+from orchid_uav.experiments.metrics import METRICS
+from orchid_uav.experiments.reproduction import settings
+from orchid_uav.experiments.reproduction.checks import (
+    EFFICIENCY,
+    MARGINS,
+    NEAREST,
+    RATE,
+    STATIC,
+    STATIC_MMF,
+    UTILITY,
+    VARIANCE_RATIO,
+    WORST,
+)
+from orchid_uav.experiments.reproduction.evidence import Evidence
 from orchid_uav.experiments.reproduction.job import RULES
 from orchid_uav.experiments.reproduction.needs import needed_for
-from orchid_uav.experiments.reproduction.report.effects import interval_text, mean_text
+from orchid_uav.experiments.reproduction.report.effects import Scale, interval_text, mean_text
 from orchid_uav.experiments.reproduction.result import JudgedClaim
+from orchid_uav.experiments.reproduction.rows import read_rows
 from orchid_uav.experiments.reproduction.trainings import SEEDS
 from orchid_uav.experiments.reproduction.verdicts import Judgement
 from studies.movements import FOLDER
 from studies.pages.markdown import recorded, table
-from studies.pages.results import PAGE, is_measured, result
+from studies.pages.results import PAGE, ROWS, is_measured, result
 from studies.recording import ROOT, read
 
 
-def sentences() -> Mapping[str, Mapping[str, str]]:
-    """Headings with claims and what is said of each; ``{2}`` stands for its third difference."""
-    return tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
+class Sentence(NamedTuple):
+    """What is said of a claim."""
+
+    findings: Sequence[str]
+    """Of its comparisons among users in hotspots, for which it was written."""
+    text: str
+    """With places for differences; see ``results_words.toml``."""
+
+
+def sentences() -> Mapping[str, Mapping[str, Sentence]]:
+    """Headings with claims and what is said of each."""
+    document = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
+    return {
+        heading: {key: Sentence(**said) for key, said in claims.items()}
+        for heading, claims in document.items()
+    }
 
 
 def words_block() -> str:
@@ -29,17 +58,43 @@ def words_block() -> str:
     found = {claim.key: claim for claim in (*result().questions, *result().claims)}
     parts = []
     for heading, said in sentences().items():
-        told = [told_of(found[key], text) for key, text in said.items() if is_measured(found[key])]
+        told = [told_of(found[key], one) for key, one in said.items() if is_measured(found[key])]
         if told:
             parts += [f"### {heading}", "\n".join(told)]
     return "\n\n".join(parts)
 
 
-def told_of(claim: JudgedClaim, text: str) -> str:
-    """The sentence of a claim with its numbers."""
-    differences = map(_difference, claim.tcp.checks)
-    margins = {"distance_margin_m": MARGINS[NEAREST], "variance_margin": MARGINS[VARIANCE_RATIO]}
-    return f"* {' '.join(text.split()).format(*differences, **margins)} ({claim.key.upper()})"
+def told_of(claim: JudgedClaim, sentence: Sentence) -> str:
+    """The sentence of a claim with its numbers.
+
+    Raises:
+        ValueError: the claim is measured, and its findings are not those of the sentence.
+    """
+    findings = [check.finding for check in claim.tcp.checks]
+    if is_measured(claim) and findings != list(sentence.findings):
+        raise ValueError(f"{claim.key}: written for {sentence.findings}, and found are {findings}")
+    told = " ".join(sentence.text.split()).format(
+        *map(_difference, claim.tcp.checks),
+        uniform=[_difference(check) for check in claim.uniform.checks] if claim.uniform else [],
+        hovering=_by_sharing(),
+        distance_margin_m=MARGINS[NEAREST],
+        utility_margin=MARGINS[UTILITY],
+        variance_margin=MARGINS[VARIANCE_RATIO],
+    )
+    return f"* {told} ({claim.key.upper()})"
+
+
+@functools.cache
+def _by_sharing() -> Mapping[str, str]:
+    """What max-min shares change beside proportional ones, where all UAVs hover."""
+    evidence, cases = Evidence(read_rows(ROWS)), [settings.base("tcp")]
+    told = {}
+    for key in (RATE, WORST, EFFICIENCY):
+        values = [evidence.flown(rule, key, cases).mean() for rule in (STATIC_MMF, STATIC)]
+        metric = METRICS[key]
+        scale = Scale(metric.title, metric.unit, metric.scale, metric.digits)
+        told[key] = f"{scale.text(values[0] - values[1], signed=True)} {metric.unit}".rstrip()
+    return told
 
 
 def _difference(check: Judgement) -> str:

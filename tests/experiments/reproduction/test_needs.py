@@ -33,7 +33,7 @@ def test_everything_is_needed_for_everything():
         ("c18", {"orchid-long", "orchid-pf"}),
         ("c19", {"orchid-long", "orchid-pf"}),
         ("c24", {"static-pf"}),
-        ("c27", {"orchid", "orchid-kappa-0.1"}),
+        ("c27", {"orchid", "orchid-decay-only", "orchid-kappa-0.1"}),
         ("c29", set()),
         ("q1", {"orchid"}),
         ("fig7", {"orchid", "orchid-random-init", "static-mmf", "static-pf"}),
