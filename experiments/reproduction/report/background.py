@@ -20,9 +20,12 @@ _RULES = (
     "adjusted for the number of comparisons of the claim (Holm). Up to 0.05 a difference is shown.",
     '"Higher" and "lower": yes, if it is shown and not shown to be within the margin; no, if '
     'the opposite is shown, or that it lies within the margin. "Equal": yes, if it is shown to lie '
-    'within the margin. "Not lower": yes, if it is shown to be lower by no more than the margin.',
+    'within the margin; no, if beyond it. "Not lower": yes, if it is shown to be lower by no more '
+    "than the margin; no, if by more.",
     "A claim holds if all of its comparisons are yes; partly, if some are yes and some no; it does "
-    "not hold, if some are no and none yes; else it is undecided.",
+    "not hold, if all are no; else it is undecided.",
+    "What was changed in claims and rules after the first trainings stands in the project's "
+    "docs/claims.md, with the verdicts before and after.",
     'Fewer than ten pairs decide nothing. Where nothing is decided, "detectable from" says how '
     "large a difference would have been shown with a chance of 80 %.",
 )

@@ -47,9 +47,10 @@ def at_a_glance(claims: Sequence[JudgedClaim], is_quick: bool) -> list[Markup]:
         element("dl", *tiles, class_="tiles"),
         element(
             "p",
-            f"The paper makes {len(claims)} claims that were written down, with the rules that "
-            'decide them, before anything was trained. "Undecided" means that the runs cannot '
-            'tell; "partly" that some of a claim\'s comparisons agree with it and some do not.',
+            f"The paper makes {len(claims)} claims. They were written down with the rules that "
+            "decide them before anything was trained, but for changes that are on record. "
+            '"Undecided" means that the runs cannot tell; "partly" that some of a claim\'s '
+            "comparisons agree with it and some do not.",
         ),
     ]
 
