@@ -244,9 +244,9 @@ MUTANTS = [
     ),
     Mutant(
         "a resume that forgets Adam's moments",
-        "agents/centralized_training.py",
-        "optimizer.state[parameter] = {",
-        "forgotten = {",
+        "agents/learner_state.py",
+        "optimizer.state[parameter][name] = torch.from_numpy(array)",
+        "forgotten = torch.from_numpy(array)",
         "experiments/test_resume.py",
     ),
     Mutant(
@@ -326,6 +326,20 @@ MUTANTS = [
         "if address == AUTO:",
         "experiments/jobs/test_ray_cluster.py",
     ),
+    Mutant(
+        "a difference within its margin that refutes a claim",
+        "experiments/reproduction/verdicts.py",
+        "is_beyond = is_shown and p_beyond(differences * np.sign(mean), -check.margin) <= ALPHA",
+        "is_beyond = is_shown",
+        "experiments/reproduction/test_verdicts.py",
+    ),
+    Mutant(
+        "a claim that is refuted while most of it is open",
+        "experiments/reproduction/verdicts.py",
+        'return "undecided" if "undecided" in findings else "does not hold"',
+        'return "does not hold" if "no" in findings else "undecided"',
+        "experiments/reproduction/test_verdicts.py",
+    ),
 ]
 
 
@@ -365,10 +379,14 @@ def plant(mutant: Mutant, package: Path) -> None:
     """Replace the one place that the fault is about."""
     room = next(room for room in ROOMS if mutant.file.startswith(f"{room}/"))
     path = package / ROOMS[room] / mutant.file.removeprefix(f"{room}/")
-    text = path.read_text()
+    path.write_text(faulty(mutant, path.read_text(encoding="utf-8")), encoding="utf-8")
+
+
+def faulty(mutant: Mutant, text: str) -> str:
+    """The text of a mutant's file with the fault in it."""
     if text.count(mutant.old) != 1:
         raise SystemExit(f"'{mutant.name}' does not apply to {mutant.file}: the code changed")
-    path.write_text(text.replace(mutant.old, mutant.new))
+    return text.replace(mutant.old, mutant.new)
 
 
 def main() -> int:

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.mutants import MUTANTS, faulty
+
 ROOT = Path(__file__).parent.parent
 
 PLACES = {
@@ -158,3 +160,8 @@ def test_files_are_short_enough_to_hold_in_the_head():
         for path in modules_of(folder):
             lines = len(path.read_text(encoding="utf-8").splitlines())
             assert lines <= 500, f"{path} has {lines} lines"
+
+
+@pytest.mark.parametrize("mutant", MUTANTS, ids=lambda mutant: mutant.name)
+def test_faults_to_plant_fit_the_code(mutant):
+    assert faulty(mutant, (ROOT / mutant.file).read_text(encoding="utf-8")).count(mutant.new)

@@ -1,4 +1,4 @@
-"""The comparisons that decide each claim, by its number.
+"""The comparisons that decide each claim of the paper, by its number.
 
 Margins are absolute and were fixed before the runs (``docs/claims.md``).
 """
@@ -46,7 +46,6 @@ standard deviation; in C15 the mean distance from the median."""
 ORCHID, NO_RF = "orchid", "orchid-no-rf"
 PF_DDPG, MMF_DDPG = "maddpg-pf", "maddpg-mmf"
 STATIC, STATIC_MMF = "static-pf", "static-mmf"
-INFORMED = "orchid-informed"
 LONG_MMF, LONG_PF = "orchid-long", "orchid-pf"
 LEARNED = (ORCHID, PF_DDPG, MMF_DDPG)
 
@@ -57,7 +56,7 @@ def _flown(
     return lambda evidence: evidence.flown(method, metric, cases, statistic)
 
 
-def _beside(
+def beside(
     one: str,
     expected: Expectation,
     other: str,
@@ -114,20 +113,20 @@ def _full_coverage(cases: Sequence[Case]) -> Iterator[Check]:
 def _static_is_least_efficient(cases: Sequence[Case]) -> Iterator[Check]:
     """Hovering beside each learned method."""
     for method in LEARNED:
-        yield _beside(STATIC, "lower", method, EFFICIENCY, cases)
+        yield beside(STATIC, "lower", method, EFFICIENCY, cases)
 
 
 def _narrowest_efficiency(cases: Sequence[Case]) -> Iterator[Check]:
     """ORCHID beside both baselines."""
     for baseline in (PF_DDPG, MMF_DDPG):
-        yield _beside(ORCHID, "lower", baseline, EFFICIENCY, cases, "cv")
+        yield beside(ORCHID, "lower", baseline, EFFICIENCY, cases, "cv")
 
 
 def _fairer_than_maddpg(cases: Sequence[Case]) -> Iterator[Check]:
     """ORCHID beside both baselines, by both fairness indices."""
     for baseline in (PF_DDPG, MMF_DDPG):
         for metric in (RATE, LOAD):
-            yield _beside(ORCHID, "higher", baseline, metric, cases)
+            yield beside(ORCHID, "higher", baseline, metric, cases)
 
 
 def _walking(distribution: Distribution) -> list[Case]:
@@ -137,32 +136,9 @@ def _walking(distribution: Distribution) -> list[Case]:
     ]
 
 
-def _walking_held(distribution: Distribution) -> list[Case]:
-    """Users that walk and hold their headings for 20 s, as ``orchid-informed`` was trained."""
-    return settings.speeds(distribution, settings.HEADINGS_S[-1])[1:]
-
-
 def _strategy(metric: str, one: str, expected: Expectation, other: str) -> Check:
     """The two objectives over 1,000 episodes, in the paper's network."""
-    return _beside(one, expected, other, metric, [settings.base("tcp")])
-
-
-def _above_twin(base: str, cases: Sequence[Case]) -> Iterator[Check]:
-    """A policy beside its zero-action twin."""
-    for metric in (UTILITY, RATE, WORST):
-        yield _beside(base, "higher", f"{base}-zero", metric, cases)
-
-
-def _reset_and_finetune(base: str, cases: Sequence[Case]) -> Iterator[Check]:
-    """With beside without Reset-and-Finetune."""
-    for metric in (UTILITY, EFFICIENCY, RATE, LOAD):
-        yield _beside(base, "higher", f"{base}-no-rf", metric, cases)
-
-
-def _what_does_it(base: str, cases: Sequence[Case]) -> Iterator[Check]:
-    """Reset-and-Finetune beside each of its controls."""
-    for control in ("reset-only", "decay-only", "random-time", "linear-decay"):
-        yield _beside(base, "higher", f"{base}-{control}", UTILITY, cases)
+    return beside(one, expected, other, metric, [settings.base("tcp")])
 
 
 def c1(_: Distribution) -> Iterator[Check]:
@@ -179,7 +155,7 @@ def c2(distribution: Distribution) -> Iterator[Check]:
     """ORCHID beside hovering, in training and flown."""
     yield _trained(ORCHID, "not lower", STATIC, EFFICIENCY)
     cases = [settings.base(distribution)]
-    yield _beside(ORCHID, "not lower", STATIC, EFFICIENCY, cases, where=", flown")
+    yield beside(ORCHID, "not lower", STATIC, EFFICIENCY, cases, where=", flown")
 
 
 def c3(_: Distribution) -> Iterator[Check]:
@@ -237,7 +213,7 @@ def c6(distribution: Distribution) -> Iterator[Check]:
 
 def c7(distribution: Distribution) -> Iterator[Check]:
     """The two baselines beside each other."""
-    yield _beside(MMF_DDPG, "higher", PF_DDPG, EFFICIENCY, settings.users(distribution))
+    yield beside(MMF_DDPG, "higher", PF_DDPG, EFFICIENCY, settings.users(distribution))
 
 
 def c8(distribution: Distribution) -> Iterator[Check]:
@@ -258,7 +234,7 @@ def c10(distribution: Distribution) -> Iterator[Check]:
 def c11(distribution: Distribution) -> Iterator[Check]:
     """The baselines beside each other, and hovering beside all."""
     cases = settings.uavs(distribution)
-    yield _beside(MMF_DDPG, "higher", PF_DDPG, EFFICIENCY, cases)
+    yield beside(MMF_DDPG, "higher", PF_DDPG, EFFICIENCY, cases)
     yield from _static_is_least_efficient(cases)
 
 
@@ -366,8 +342,8 @@ def _floor(evidence: Evidence, method: str) -> Floats:
 
 def c20(distribution: Distribution) -> Iterator[Check]:
     """ORCHID beside its zero-action twin."""
-    yield _beside(ORCHID, "lower", f"{ORCHID}-zero", PAIRS, [settings.base(distribution)])
-    yield _beside(
+    yield beside(ORCHID, "lower", f"{ORCHID}-zero", PAIRS, [settings.base(distribution)])
+    yield beside(
         ORCHID, "lower", f"{ORCHID}-zero", PAIRS, _walking(distribution), where=", walking"
     )
 
@@ -390,7 +366,7 @@ def c23(distribution: Distribution) -> Iterator[Check]:
         ("speeds", _walking(distribution)),
     ):
         for baseline in (PF_DDPG, MMF_DDPG):
-            yield _beside(baseline, "higher", ORCHID, EFFICIENCY, cases, where=f", over {name}")
+            yield beside(baseline, "higher", ORCHID, EFFICIENCY, cases, where=f", over {name}")
 
 
 def c24(distribution: Distribution) -> Iterator[Check]:
@@ -412,15 +388,15 @@ def c25(distribution: Distribution) -> Iterator[Check]:
     cases = settings.uavs(distribution)
     for method in LEARNED:
         for metric in (RATE, LOAD):
-            yield _beside(STATIC, "higher", method, metric, cases)
-            yield _beside(STATIC, "higher", method, metric, cases, "std")
+            yield beside(STATIC, "higher", method, metric, cases)
+            yield beside(STATIC, "higher", method, metric, cases, "std")
 
 
 def c26(distribution: Distribution) -> Iterator[Check]:
     """The second baseline beside ORCHID."""
     for metric in (RATE, LOAD):
         cases = settings.users(distribution)
-        yield _beside(MMF_DDPG, "lower", ORCHID, metric, cases, "std")
+        yield beside(MMF_DDPG, "lower", ORCHID, metric, cases, "std")
 
 
 def c27(_: Distribution) -> Iterator[Check]:
@@ -444,7 +420,7 @@ def c28(distribution: Distribution) -> Iterator[Check]:
     for case in wrong:
         where = f", Phase I {case.sensing_error_m:g} m off"
         for metric in (RATE, LOAD, UTILITY):
-            yield _beside(ORCHID, "higher", f"{ORCHID}-zero", metric, [case], where=where)
+            yield beside(ORCHID, "higher", f"{ORCHID}-zero", metric, [case], where=where)
         yield Check(
             f"{ORCHID} loses less than its twin{where}",
             UTILITY,
@@ -460,36 +436,6 @@ def _loss(evidence: Evidence, method: str, exact: Case, wrong: Case) -> Floats:
     return with_error - evidence.flown(method, UTILITY, [exact])
 
 
-def q1(distribution: Distribution) -> Iterator[Check]:
-    """The paper's policy beside its twin."""
-    yield from _above_twin(ORCHID, [settings.base(distribution)])
-
-
-def q2(distribution: Distribution) -> Iterator[Check]:
-    """The paper's policy with and without Reset-and-Finetune."""
-    yield from _reset_and_finetune(ORCHID, [settings.base(distribution)])
-
-
-def q3(distribution: Distribution) -> Iterator[Check]:
-    """The paper's policy beside the controls of Reset-and-Finetune."""
-    yield from _what_does_it(ORCHID, [settings.base(distribution)])
-
-
-def q4(distribution: Distribution) -> Iterator[Check]:
-    """The policy on stations beside its twin."""
-    yield from _above_twin(INFORMED, _walking_held(distribution))
-
-
-def q5(distribution: Distribution) -> Iterator[Check]:
-    """The policy on stations with and without Reset-and-Finetune."""
-    yield from _reset_and_finetune(INFORMED, _walking_held(distribution))
-
-
-def q6(distribution: Distribution) -> Iterator[Check]:
-    """The policy on stations beside the controls of Reset-and-Finetune."""
-    yield from _what_does_it(INFORMED, _walking_held(distribution))
-
-
 def c29(_: Distribution) -> Iterator[Check]:
     """Nothing: no backhaul of the model has a capacity."""
     return iter(())
@@ -502,4 +448,4 @@ def c30(distribution: Distribution) -> Iterator[Check]:
         where = f" at 15 m/s, headings held {hold_s:g} s"
         for rule in (STATIC, STATIC_MMF):
             for metric in (RATE, LOAD):
-                yield _beside(ORCHID, "not lower", rule, metric, [fast], where=where)
+                yield beside(ORCHID, "not lower", rule, metric, [fast], where=where)

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from orchid_uav.envs.parameters import Distribution
-from orchid_uav.experiments.reproduction import checks
+from orchid_uav.experiments.reproduction import checks, question_checks
 from orchid_uav.experiments.reproduction.verdicts import Check
 
 
@@ -306,7 +306,7 @@ QUESTIONS: tuple[Claim, ...] = (
         "The trained policy of the paper is better than doing nothing.",
         "not asked",
         "",
-        checks.q1,
+        question_checks.q1,
         by_distribution=True,
     ),
     Claim(
@@ -314,14 +314,14 @@ QUESTIONS: tuple[Claim, ...] = (
         "Reset-and-Finetune makes the paper's policy better.",
         "IV-D",
         "",
-        checks.q2,
+        question_checks.q2,
     ),
     Claim(
         "q3",
         "What Reset-and-Finetune gains, none of its controls gains.",
         "not asked",
         "",
-        checks.q3,
+        question_checks.q3,
         note="Clearing the optimizer alone; lowering the rates alone; both at a random time; "
         "a linear decay to the same rates.",
     ),
@@ -330,7 +330,7 @@ QUESTIONS: tuple[Claim, ...] = (
         "Where learning moves something, the trained policy is better than doing nothing.",
         "not asked",
         "fig6",
-        checks.q4,
+        question_checks.q4,
         note="On stations, among users that walk.",
     ),
     Claim(
@@ -338,14 +338,14 @@ QUESTIONS: tuple[Claim, ...] = (
         "Where learning moves something, Reset-and-Finetune makes the policy better.",
         "IV-D",
         "",
-        checks.q5,
+        question_checks.q5,
     ),
     Claim(
         "q6",
         "There, none of its controls gains what it gains.",
         "not asked",
         "",
-        checks.q6,
+        question_checks.q6,
     ),
 )
 """What the paper does not ask, or not where an answer can be had, by the same rules."""
