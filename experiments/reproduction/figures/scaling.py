@@ -53,6 +53,8 @@ FAMILIES: Mapping[str, Sequence[str]] = {
     ),
 }
 """Rows of panels. Uniform users are flown by what was trained on hotspots, too."""
+_CLOSE = tuple(FAMILIES)[:2]
+"""Rows with a scale of their own: among the others' values theirs could not be told apart."""
 _PANEL_IN = 1.3
 
 
@@ -163,8 +165,8 @@ class _Sheet:
         figure = Figure((PAGE_IN, sum(heights_in) + 0.25), layout="constrained")
         figure.suptitle(self.axis.title)
         blocks = figure.subfigures(len(heights_in), 1, squeeze=False, height_ratios=heights_in)
-        limits = {metric: self._limits(metric) for metric in METRICS_SHOWN}
         for block, (title, labels) in zip(blocks[:, 0], self.families.items(), strict=True):
+            limits = {metric: self._limits(metric, title in _CLOSE) for metric in METRICS_SHOWN}
             self._draw_family(block, title, labels, limits, marks[title][0], shapes[title][1])
             block.supxlabel(notes[title], x=0.01, ha="left")
         return figure
@@ -204,12 +206,18 @@ class _Sheet:
         ]
         inner.legend(handles=handles, loc="outside lower center", ncols=columns)
 
-    def _limits(self, metric: str) -> tuple[float, float]:
-        """Limits that all rows of panels share, so that they can be compared."""
+    def _limits(self, metric: str, is_close: bool) -> tuple[float, float]:
+        """Limits that several rows of panels share, so that they can be compared."""
+        labels = {
+            label
+            for title, own in self.families.items()
+            for label in own
+            if (title in _CLOSE) == is_close
+        }
         values = [
             _shown(metric, point)
-            for curve in self.curves[metric].values()
-            for point in curve.values()
+            for label in labels
+            for point in self.curves[metric][label].values()
         ]
         low, high = min(one.low for one in values), max(one.high for one in values)
         room = 0.05 * (high - low)
@@ -234,7 +242,7 @@ class _Sheet:
         return (
             "Marker and line: mean over training seeds and topologies, flown without noise. Band: "
             "±1 standard deviation over topologies. Bar: ±1 standard deviation between seeds. "
-            "Panels of a column have the same scale."
+            "The two upper panels of a column have the same scale, and so have those below them."
         )
 
     def missing(self, seeds: int) -> str:
