@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from orchid_uav.experiments.configuration import RunConfig
 from orchid_uav.experiments.metrics import METRICS
 from orchid_uav.experiments.reproduction import settings
 from orchid_uav.experiments.reproduction.checks import (
@@ -25,7 +26,7 @@ from orchid_uav.experiments.reproduction.evidence import Evidence
 from orchid_uav.experiments.reproduction.job import RULES
 from orchid_uav.experiments.reproduction.needs import needed_for
 from orchid_uav.experiments.reproduction.report.effects import Scale, interval_text, mean_text
-from orchid_uav.experiments.reproduction.result import JudgedClaim
+from orchid_uav.experiments.reproduction.result import FalseAlarms, JudgedClaim
 from orchid_uav.experiments.reproduction.rows import read_rows
 from orchid_uav.experiments.reproduction.trainings import SEEDS
 from orchid_uav.experiments.reproduction.verdicts import Judgement
@@ -139,6 +140,36 @@ def _mean(rows: list[dict[str, float]], key: str) -> float:
     return statistics.fmean(row[key] for row in rows)
 
 
+def trigger_block() -> str:
+    """How often Reset-and-Finetune's trigger fires on a policy that learns nothing."""
+    found = {(one.window, one.tolerance): one for one in result().false_alarms}
+    if not found:
+        return "Not measured yet."
+    reset = RunConfig().reset
+    own = found[reset.window, reset.tolerance_jfi]
+    resets = [row.reset_episodes[0] for row in read_rows(ROWS) if row.method == "orchid"]
+    told = (
+        f"With the paper's window of {own.window} episodes and tolerance of {own.tolerance:g}, it "
+        f"fires in {own.fired} of {own.runs} trainings\nwhose learning rates are 0, at episode "
+        f"{own.median_episode:g} in the median; {2 * own.window} is the first at which it can. In "
+        f"{len(resets)} trainings of `orchid`,\nwhich learn, it fires at episode "
+        f"{statistics.median(resets):g} in the median. Runs of a policy that learns nothing in "
+        "which it\nfires, and the median episode:"
+    )
+    windows, tolerances = (sorted({key[place] for key in found}) for place in (0, 1))
+    rows = [
+        [f"{window} episodes", *(_fired(found[window, tolerance]) for tolerance in tolerances)]
+        for window in windows
+    ]
+    heads = ["window", *(f"tolerance {tolerance:g}" for tolerance in tolerances)]
+    return f"{told}\n\n{table(heads, rows)}"
+
+
+def _fired(one: FalseAlarms) -> str:
+    at = f", at {one.median_episode:g}" if one.median_episode is not None else ""
+    return f"{one.fired} of {one.runs}{at}"
+
+
 def waiting_block() -> str:
     """What is missing for the claims that are not decided."""
     found = result()
@@ -162,5 +193,6 @@ def _missing(claim: JudgedClaim) -> str:
 RESULTS_WORDS_BLOCKS = {
     "results in words": (PAGE, words_block),
     "results movements": (PAGE, movements_block),
+    "results trigger": (PAGE, trigger_block),
     "results waiting": (PAGE, waiting_block),
 }
