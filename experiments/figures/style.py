@@ -54,6 +54,7 @@ _LEARNED: dict[str, _Look] = {
 _RULES: dict[str, _Look] = {
     "static-pf": (_BLACK, "X", _SPARSE),
     "static-mmf": (_GREY, "P", _DASHED),
+    "static-mmf-uniform": (_GREY, "P", _DASHED),
     "static-pf-full-power": (_SKY, "X", _TWO_DOTS),
     "static-mmf-full-power": (_ORANGE, "P", _TWO_DASHES),
     "loiter-mmf": (_VERMILLION, "<", _LONG),

@@ -62,11 +62,12 @@ class Campaign:
 
     def jobs(self) -> list[RowJob]:
         """A job for every row, in the order in which they are made: rules, then by method."""
-        trained = (
+        trained = [
             key for key, training in TRAININGS.items() if training.in_quick or not self.is_quick
-        )
+        ]
+        hovering = [key for key, one in HOVERING.items() if one.beside in trained]
         wanted: list[tuple[str, int | None]] = [(rule, None) for rule in RULES]
-        wanted += [(method, seed) for method in (*HOVERING, *trained) for seed in self.seeds]
+        wanted += [(method, seed) for method in (*hovering, *trained) for seed in self.seeds]
         needed = needed_for(self.only)
         runs = self.directory / RUNS_FOLDER
         return [

@@ -7,6 +7,7 @@ import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.interruption import interruption_requests
@@ -23,8 +24,22 @@ from orchid_uav.experiments.training.job import PATIENCE_S, TrainingJob, done, l
 from orchid_uav.storage.files import read_document
 
 _MODULE = "orchid_uav.experiments.reproduction.job"
-HOVERING = {"static-mmf": "orchid", "static-pf": "maddpg-pf"}
-"""Rules whose curve stands beside those of trainings, and the training whose reward they share."""
+
+
+class Hovering(NamedTuple):
+    """A fleet that hovers through a training's topologies."""
+
+    rule: str
+    beside: str
+    """The training whose topologies and reward it has."""
+
+
+HOVERING = {
+    "static-mmf": Hovering("static-mmf", "orchid"),
+    "static-pf": Hovering("static-pf", "maddpg-pf"),
+    "static-mmf-uniform": Hovering("static-mmf", "orchid-uniform"),
+}
+"""Curves of hovering, by the key of their rows."""
 RULES = (
     *("static-mmf", "static-pf", "loiter-mmf", "balanced-loiter", "track"),
     *("balanced-loiter-120", "best-response"),
@@ -157,8 +172,9 @@ def _measured(job: RowJob, training: TrainingJob | None, stop: Callable[[], bool
         cases = QUICK_CASES if job.is_quick else flown_by("everything")
         return measuring.row_of_rule(job.method, cases, topologies, stop)
     if training is None:
-        own = TRAININGS[HOVERING[job.method]].config(job.seed, job.is_quick)
-        return measuring.row_of_hovering(job.method, own)
+        rule, beside = HOVERING[job.method]
+        own = TRAININGS[beside].config(job.seed, job.is_quick)
+        return measuring.row_of_hovering(job.method, rule, own)
     run = training.completed()
     if run is None:
         raise InputError(f"run {training.key} has disappeared from {job.runs}")

@@ -188,13 +188,18 @@ def row_of_rule(key: str, cases: Iterable[Case], topologies: int, stop: Stop) ->
     )
 
 
-def row_of_hovering(key: str, config: RunConfig) -> Row:
+def row_of_hovering(key: str, rule: str, config: RunConfig) -> Row:
     """The training curve of a fleet that hovers where Phase I has put it, and learns nothing.
 
     It flies the very topologies of a training with the same seed, one after the other, at the same
     training progress; and as often as a training's policy those on which it is flown on its way.
+
+    Args:
+        key: of the row.
+        rule: what hovers there.
+        config: of the training.
     """
-    every, contender = evaluated_every(config), [rules()[key]]
+    every, contender = evaluated_every(config), [rules()[rule]]
     return Row(
         **_header(key, config.training.seed, ("orchid", "train")),
         episodes=config.training.episodes,

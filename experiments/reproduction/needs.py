@@ -12,14 +12,15 @@ from orchid_uav.experiments.reproduction.verdicts import judge_checks
 from orchid_uav.suggestions import unknown
 
 _PAPERS = ("orchid", "orchid-no-rf", "maddpg-mmf", "maddpg-pf")
+_HOVERING = ("static-mmf", "static-pf")
 _SCALING = (*_PAPERS, "orchid-pf", "orchid-random-init", *RULES)
 FIGURES: dict[str, tuple[str, ...]] = {
     "fig3": (*_PAPERS, "orchid-uniform", "orchid-no-rf-uniform", *HOVERING),
     "fig4": _SCALING,
     "fig5": _SCALING,
     "fig6": (*_SCALING, "orchid-informed"),
-    "fig7": ("orchid", "orchid-random-init", *HOVERING),
-    "fig8": ("orchid-long", "orchid-pf", *HOVERING),
+    "fig7": ("orchid", "orchid-random-init", *_HOVERING),
+    "fig8": ("orchid-long", "orchid-pf", *_HOVERING),
 }
 """Methods and rules of the paper's figures, by the figure's key."""
 KEYS = (*FIGURES, *(claim.key for claim in (*CLAIMS, *QUESTIONS)))
@@ -33,7 +34,7 @@ def needed_for(only: Sequence[str]) -> set[str]:
         InputError: there is no such figure or claim.
     """
     if not only:
-        return {*TRAININGS, *RULES}
+        return {*TRAININGS, *RULES, *HOVERING}
     needed: set[str] = set()
     claims = {claim.key: claim for claim in (*CLAIMS, *QUESTIONS)}
     for key in only:

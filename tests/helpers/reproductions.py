@@ -120,7 +120,8 @@ def make_row(method: str, seed: int | None, is_quick: bool = False, **changes: o
         flights.append(make_flight(method, cases[0], seed, deterministic=False, keeps=True))
         zeros = cases if seed == SEEDS[0] else cases[:1]
         flights += [make_flight(f"{method}-zero", case, seed) for case in zeros]
-    trained = method if is_trained else HOVERING.get(method, "orchid")
+    beside = HOVERING[method].beside if method in HOVERING else "orchid"
+    trained = method if is_trained else beside
     episodes = 150 if is_quick else _episodes(trained)
     values: dict[str, object] = {
         "schema": SCHEMA,

@@ -8,7 +8,6 @@ from orchid_uav.experiments.reproduction.figures.convergence import Convergence,
 from orchid_uav.experiments.reproduction.figures.drawn import DISTRIBUTION_WORDS, DrawnFigure
 from orchid_uav.experiments.reproduction.figures.scaling import Axis, draw_scaling
 from orchid_uav.experiments.reproduction.figures.strategy import draw_strategy
-from orchid_uav.experiments.reproduction.job import HOVERING
 from orchid_uav.experiments.reproduction.needs import FIGURES
 from orchid_uav.experiments.reproduction.rows import Row
 from orchid_uav.experiments.reproduction.settings import Case
@@ -23,12 +22,12 @@ TRAINED = (
     Convergence(
         "fig3_uniform",
         "Fig. 3: training, users spread evenly",
-        ("orchid-uniform", "orchid-no-rf-uniform"),
+        ("orchid-uniform", "orchid-no-rf-uniform", "static-mmf-uniform"),
     ),
     Convergence(
         "fig7",
         "Fig. 7: training from random starts and from K-Means, users in hotspots",
-        ("orchid", "orchid-random-init", *HOVERING),
+        ("orchid", "orchid-random-init", "static-mmf", "static-pf"),
     ),
 )
 """Fig. 3 and Fig. 7."""

@@ -113,7 +113,8 @@ class TestMethodsOverAnAxis:
         wide = {
             key for key, training in TRAININGS.items() if training.flown in ("everything", "tcp")
         }
-        assert wide | set(RULES) | set(HOVERING) | {"orchid-informed"} <= drawn
+        hovering = {one.rule for one in HOVERING.values()}
+        assert wide | set(RULES) | hovering | {"orchid-informed"} <= drawn
         twins = {label for label in drawn if label.endswith("-zero")}
         assert {f"{key}-zero" for key in ("orchid", "maddpg-pf", "maddpg-mmf")} <= twins
 

@@ -69,7 +69,8 @@ class TestHovering:
 
     def test_flies_on_its_way_where_policies_do(self):
         config = short(episodes=100)
-        row = row_of_hovering("static-mmf", config)
+        row = row_of_hovering("static-mmf-uniform", "static-mmf", config)
+        assert row.method == "static-mmf-uniform"
         assert list(row.evaluations) == ["50", "100"]
         world = WorldBatch(config.network_parameters, CURVE_TOPOLOGIES)
         rewards = []

@@ -17,12 +17,13 @@ from orchid_uav.experiments.reproduction.needs import (
 )
 from orchid_uav.experiments.reproduction.trainings import TRAININGS
 
-EVERYTHING = {*TRAININGS, *RULES}
+EVERYTHING = {*TRAININGS, *RULES, *HOVERING}
 
 
 def test_everything_is_needed_for_everything():
     assert needed_for([]) == EVERYTHING
-    assert {*HOVERING} <= {*RULES}
+    assert {hovering.rule for hovering in HOVERING.values()} <= {*RULES}
+    assert {hovering.beside for hovering in HOVERING.values()} <= {*TRAININGS}
 
 
 @pytest.mark.parametrize(
