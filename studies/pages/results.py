@@ -1,5 +1,6 @@
 """The tables of docs/results.md, from the rows that are committed."""
 
+from collections.abc import Sequence
 from functools import cache
 
 from orchid_uav.experiments.evaluation.directory import header_of
@@ -11,7 +12,7 @@ from orchid_uav.experiments.reproduction.report.effects import (
     scale_of,
 )
 from orchid_uav.experiments.reproduction.result import JudgedClaim, Reproduction, reproduction
-from orchid_uav.experiments.reproduction.rows import read_rows
+from orchid_uav.experiments.reproduction.rows import Row, read_rows
 from orchid_uav.experiments.reproduction.trainings import SEEDS, TRAININGS
 from orchid_uav.experiments.reproduction.verdicts import Judgement
 from orchid_uav.experiments.statistics.results import ResultHeader
@@ -23,9 +24,15 @@ ROWS = RESULTS / "reproduction"
 
 
 @cache
+def rows_read() -> Sequence[Row]:
+    """The committed rows: hundreds of files, which several blocks need."""
+    return tuple(read_rows(ROWS))
+
+
+@cache
 def result() -> Reproduction:
     """What the committed rows say."""
-    rows = list(read_rows(ROWS))
+    rows = rows_read()
     missing = len(Campaign(ROWS / "nowhere", ROWS).waiting())
     header = ResultHeader.from_json(header_of(["orchid", "reproduce"], "completed"))
     return reproduction(header, rows, missing, is_quick=False)
@@ -36,7 +43,7 @@ def progress_block() -> str:
     found = result()
     trained = [key for key in TRAININGS if found.rows.get(key)]
     rows = [[f"`{key}`", f"{len(found.rows[key])} of {len(SEEDS)}"] for key in trained]
-    dates = sorted({row.date for row in read_rows(ROWS)})
+    dates = sorted({row.date for row in rows_read()})
     when = " to ".join(dict.fromkeys((dates[0], dates[-1])))
     done, wanted = sum(len(found.rows[key]) for key in trained), len(TRAININGS) * len(SEEDS)
     told = (

@@ -8,11 +8,10 @@ from pathlib import Path
 
 from orchid_uav.experiments.reproduction.figures.all_figures import draw_figures, figure_of
 from orchid_uav.experiments.reproduction.needs import FIGURES as NEEDS
-from orchid_uav.experiments.reproduction.rows import read_rows
 from orchid_uav.experiments.reproduction.trainings import SEEDS, TRAININGS
 from orchid_uav.storage.files import write_json
 from studies.pages.markdown import FIGURES
-from studies.pages.results import PAGE, ROWS
+from studies.pages.results import PAGE, ROWS, rows_read
 
 PREFIX = "reproduction_"
 WORDS = FIGURES / "reproduction.json"
@@ -32,7 +31,7 @@ def draw_reproduction() -> list[Path]:
         former.unlink()
     paths, words = [], {}
     with tempfile.TemporaryDirectory() as folder:
-        for drawn in draw_figures(list(read_rows(ROWS)), Path(folder), complete):
+        for drawn in draw_figures(rows_read(), Path(folder), complete):
             paths.append(FIGURES / f"{PREFIX}{drawn.path.name}")
             shutil.move(drawn.path, paths[-1])
             words[paths[-1].name] = {

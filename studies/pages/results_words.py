@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 from orchid_uav.experiments.configuration import RunConfig
-from orchid_uav.experiments.metrics import METRICS
 from orchid_uav.experiments.reproduction import settings
 from orchid_uav.experiments.reproduction.checks import (
     EFFICIENCY,
@@ -21,18 +20,18 @@ from orchid_uav.experiments.reproduction.checks import (
     UTILITY,
     VARIANCE_RATIO,
     WORST,
+    beside,
 )
 from orchid_uav.experiments.reproduction.evidence import Evidence
 from orchid_uav.experiments.reproduction.job import RULES
 from orchid_uav.experiments.reproduction.needs import needed_for
-from orchid_uav.experiments.reproduction.report.effects import Scale, interval_text, mean_text
+from orchid_uav.experiments.reproduction.report.effects import interval_text, mean_text
 from orchid_uav.experiments.reproduction.result import FalseAlarms, JudgedClaim
-from orchid_uav.experiments.reproduction.rows import read_rows
 from orchid_uav.experiments.reproduction.trainings import SEEDS
-from orchid_uav.experiments.reproduction.verdicts import Judgement
+from orchid_uav.experiments.reproduction.verdicts import Judgement, judge_checks
 from studies.movements import FOLDER
 from studies.pages.markdown import recorded, table
-from studies.pages.results import PAGE, ROWS, is_measured, result
+from studies.pages.results import PAGE, is_measured, result, rows_read
 from studies.recording import ROOT, read
 
 
@@ -88,14 +87,12 @@ def told_of(claim: JudgedClaim, sentence: Sentence) -> str:
 @functools.cache
 def _by_sharing() -> Mapping[str, str]:
     """What max-min shares change beside proportional ones, where all UAVs hover."""
-    evidence, cases = Evidence(read_rows(ROWS)), [settings.base("tcp")]
-    told = {}
-    for key in (RATE, WORST, EFFICIENCY):
-        values = [evidence.flown(rule, key, cases).mean() for rule in (STATIC_MMF, STATIC)]
-        metric = METRICS[key]
-        scale = Scale(metric.title, metric.unit, metric.scale, metric.digits)
-        told[key] = f"{scale.text(values[0] - values[1], signed=True)} {metric.unit}".rstrip()
-    return told
+    checks = [
+        beside(STATIC_MMF, "higher", STATIC, key, [settings.base("tcp")])
+        for key in (RATE, WORST, EFFICIENCY)
+    ]
+    judged = judge_checks(checks, Evidence(rows_read()))
+    return {check.metric: mean_text(check) for check in judged}
 
 
 def _difference(check: Judgement) -> str:
@@ -147,7 +144,7 @@ def trigger_block() -> str:
         return "Not measured yet."
     reset = RunConfig().reset
     own = found[reset.window, reset.tolerance_jfi]
-    resets = [row.reset_episodes[0] for row in read_rows(ROWS) if row.method == "orchid"]
+    resets = [row.reset_episodes[0] for row in rows_read() if row.method == "orchid"]
     told = (
         f"With the paper's window of {own.window} episodes and tolerance of {own.tolerance:g}, it "
         f"fires in {own.fired} of {own.runs} trainings\nwhose learning rates are 0, at episode "

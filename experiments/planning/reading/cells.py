@@ -15,8 +15,8 @@ MOST_POLAR_DEG = 89.9
 _MOST_M = 1e7
 """Local coordinates at most; northings of national grids reach that far."""
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
-_OF_DEGREES = "°º′″'\""
-"""Marks of angles in minutes and seconds."""
+_OF_DEGREES = "°º′″"
+"""Marks of angles; a plain apostrophe may part thousands."""
 _WHOLE = re.compile(r"\+?(\d{1,18})(?:\.0)?", re.ASCII)
 _UNSEEN = {ord("\u2212"): "-"} | dict.fromkeys(map(ord, "\ufeff\u200b\u200e\u200f\u2060"))
 """A typographic minus is meant as one; marks that have no width come along when text is copied."""
