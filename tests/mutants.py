@@ -329,8 +329,8 @@ MUTANTS = [
     Mutant(
         "a difference within its margin that refutes a claim",
         "experiments/reproduction/verdicts.py",
-        "is_beyond = is_shown and p_beyond(differences * np.sign(mean), -check.margin) <= ALPHA",
-        "is_beyond = is_shown",
+        "and p_value_above(differences * np.sign(mean), check.margin) <= ALPHA",
+        "",
         "experiments/reproduction/test_verdicts.py",
     ),
     Mutant(

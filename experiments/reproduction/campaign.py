@@ -93,11 +93,13 @@ class Campaign:
                 f"{self.rows} holds rows of a {kind} reproduction: name another folder"
             )
         try:
-            for name in ("", RUNS_FOLDER, JOBS_FOLDER, FIGURES_FOLDER):
-                (self.directory / name).mkdir(parents=True, exist_ok=True)
-            self.rows.mkdir(parents=True, exist_ok=True)
+            self.directory.mkdir(parents=True, exist_ok=True)
             if not (self.directory / DOCUMENT_FILE).exists():
-                self._write(self.gathered(command, "running", rows))
+                # First of all, since by it the next call knows the directory as a reproduction.
+                self._write(self.gathered(command, "running", []))
+            for name in (RUNS_FOLDER, JOBS_FOLDER, FIGURES_FOLDER):
+                (self.directory / name).mkdir(exist_ok=True)
+            self.rows.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise InputError(f"cannot write to {self.directory}: {reason_of(error)}") from error
 
@@ -147,7 +149,8 @@ class Campaign:
     def gathered(self, command: Sequence[str], status: Status, rows: Sequence[Row]) -> Reproduction:
         """What the rows say."""
         header = ResultHeader.from_json(header_of(list(command), status))
-        return reproduction(header, rows, len(self.waiting()), self.is_quick, self.only)
+        asked = [(job.method, job.seed) for job in self.jobs()]
+        return reproduction(header, rows, asked, self.is_quick, self.only)
 
     def _write(self, document: Reproduction) -> None:
         write_json(self.directory / DOCUMENT_FILE, document.to_json())
@@ -163,13 +166,12 @@ def measured_minutes(jobs: Sequence[RowJob]) -> dict[str, float]:
     minutes: dict[str, float] = {}
     for job in jobs:
         training = job.training_job()
+        minutes[job.name] = job.minutes_flown
         if training is None:
-            minutes[job.name] = job.minutes
             continue
         config = training.config
         kind = config.training.algorithm, config.uav.flight, config.training.worlds
         if kind not in paces:
             paces[kind] = seconds_per_episode(config)
-        trained_s = paces[kind] * config.training.episodes
-        minutes[job.name] = trained_s / 60.0 + job.minutes_flown
+        minutes[job.name] += paces[kind] * config.training.episodes / 60.0
     return minutes

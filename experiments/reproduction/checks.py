@@ -44,10 +44,11 @@ SPREAD_MARGINS = {EFFICIENCY: 0.01, RATE: 0.01, LOAD: 0.01, REWARD: 1.0}
 standard deviation; in C15 the mean distance from the median."""
 
 ORCHID, NO_RF = "orchid", "orchid-no-rf"
-PF_DDPG, MMF_DDPG = "maddpg-pf", "maddpg-mmf"
+PF_DDPG, MMF_DDPG = MADDPG = "maddpg-pf", "maddpg-mmf"
+MADDPG_OF_PAPER = f"{PF_DDPG}-paper", f"{MMF_DDPG}-paper"
 STATIC, STATIC_MMF = "static-pf", "static-mmf"
 LONG_MMF, LONG_PF = "orchid-long", "orchid-pf"
-LEARNED = (ORCHID, PF_DDPG, MMF_DDPG)
+LEARNED = (ORCHID, *MADDPG)
 
 
 def _flown(
@@ -72,6 +73,7 @@ def beside(
         f"{one} {expected} than {other}{spread}{where}"
         if expected != "equal"
         else f"{one} equal to {other}{spread}{where}",
+        (one, other.removesuffix("-zero")),
         metric,
         expected,
         margin,
@@ -85,6 +87,7 @@ def _trained(one: str, expected: Expectation, other: str, metric: str) -> Check:
     """Two methods at the end of their training, with the noise of training."""
     return Check(
         f"{one} {expected} than {other}, last {FINAL_EPISODES} training episodes",
+        (one, other),
         metric,
         expected,
         MARGINS[metric],
@@ -102,6 +105,7 @@ def _full_coverage(cases: Sequence[Case]) -> Iterator[Check]:
     for method in LEARNED:
         yield Check(
             f"{method} covers all of its target users",
+            (method,),
             COVERAGE,
             "not lower",
             MARGINS[COVERAGE],
@@ -116,17 +120,21 @@ def _static_is_least_efficient(cases: Sequence[Case]) -> Iterator[Check]:
         yield beside(STATIC, "lower", method, EFFICIENCY, cases)
 
 
-def _narrowest_efficiency(cases: Sequence[Case]) -> Iterator[Check]:
+def narrowest_efficiency(
+    cases: Sequence[Case], orchid: str = ORCHID, baselines: Sequence[str] = MADDPG
+) -> Iterator[Check]:
     """ORCHID beside both baselines."""
-    for baseline in (PF_DDPG, MMF_DDPG):
-        yield beside(ORCHID, "lower", baseline, EFFICIENCY, cases, "cv")
+    for baseline in baselines:
+        yield beside(orchid, "lower", baseline, EFFICIENCY, cases, "cv")
 
 
-def _fairer_than_maddpg(cases: Sequence[Case]) -> Iterator[Check]:
+def fairer_than_maddpg(
+    cases: Sequence[Case], orchid: str = ORCHID, baselines: Sequence[str] = MADDPG
+) -> Iterator[Check]:
     """ORCHID beside both baselines, by both fairness indices."""
-    for baseline in (PF_DDPG, MMF_DDPG):
+    for baseline in baselines:
         for metric in (RATE, LOAD):
-            yield beside(ORCHID, "higher", baseline, metric, cases)
+            yield beside(orchid, "higher", baseline, metric, cases)
 
 
 def _walking(distribution: Distribution) -> list[Case]:
@@ -160,10 +168,11 @@ def c2(distribution: Distribution) -> Iterator[Check]:
 
 def c3(_: Distribution) -> Iterator[Check]:
     """ORCHID beside MADDPG, with the tuned and with the paper's numbers."""
-    for baseline in (MMF_DDPG, "maddpg-mmf-paper"):
+    for baseline in (MMF_DDPG, MADDPG_OF_PAPER[1]):
         for metric, margin in ((REWARD, SPREAD_MARGINS[REWARD]), (EFFICIENCY, 0.005e6)):
             yield Check(
                 f"{ORCHID} varies less than {baseline} in episodes 1 to 200",
+                (ORCHID, baseline),
                 metric,
                 "lower",
                 margin,
@@ -176,6 +185,7 @@ def _late(method: str, expected: Expectation, metric: str) -> Check:
     words = "falls" if expected == "lower" else "does not fall"
     return Check(
         f"{method} {words} from episodes 151 to 200 to the last {FINAL_EPISODES}",
+        (method,),
         metric,
         expected,
         MARGINS[metric],
@@ -203,6 +213,7 @@ def c6(distribution: Distribution) -> Iterator[Check]:
     for method in LEARNED:
         yield Check(
             f"{method} higher with 200 users than with 50",
+            (method,),
             EFFICIENCY,
             "higher",
             MARGINS[EFFICIENCY],
@@ -223,12 +234,12 @@ def c8(distribution: Distribution) -> Iterator[Check]:
 
 def c9(distribution: Distribution) -> Iterator[Check]:
     """Spreads over the numbers of users."""
-    yield from _narrowest_efficiency(settings.users(distribution))
+    yield from narrowest_efficiency(settings.users(distribution))
 
 
 def c10(distribution: Distribution) -> Iterator[Check]:
     """Fairness over the numbers of users."""
-    yield from _fairer_than_maddpg(settings.users(distribution))
+    yield from fairer_than_maddpg(settings.users(distribution))
 
 
 def c11(distribution: Distribution) -> Iterator[Check]:
@@ -240,12 +251,12 @@ def c11(distribution: Distribution) -> Iterator[Check]:
 
 def c12(distribution: Distribution) -> Iterator[Check]:
     """Spreads over the numbers of UAVs."""
-    yield from _narrowest_efficiency(settings.uavs(distribution))
+    yield from narrowest_efficiency(settings.uavs(distribution))
 
 
 def c13(distribution: Distribution) -> Iterator[Check]:
     """Fairness over the numbers of UAVs."""
-    yield from _fairer_than_maddpg(settings.uavs(distribution))
+    yield from fairer_than_maddpg(settings.uavs(distribution))
 
 
 def c14(distribution: Distribution) -> Iterator[Check]:
@@ -261,6 +272,7 @@ def c15(distribution: Distribution) -> Iterator[Check]:
         for metric in (RATE, LOAD):
             yield Check(
                 f"{STATIC} lower at 15 m/s than where nobody walks{held}",
+                (STATIC,),
                 metric,
                 "lower",
                 MARGINS[metric],
@@ -269,6 +281,7 @@ def c15(distribution: Distribution) -> Iterator[Check]:
             )
             yield Check(
                 f"{STATIC} spreads more at 15 m/s{held}",
+                (STATIC,),
                 metric,
                 "higher",
                 SPREAD_MARGINS[metric],
@@ -277,6 +290,7 @@ def c15(distribution: Distribution) -> Iterator[Check]:
             )
             yield Check(
                 f"{ORCHID} not lower at 15 m/s{held}",
+                (ORCHID,),
                 metric,
                 "not lower",
                 MARGINS[metric],
@@ -300,6 +314,7 @@ def c16(_: Distribution) -> Iterator[Check]:
     for metric, margin in ((EFFICIENCY, 0.005e6), (LOAD, SPREAD_MARGINS[LOAD])):
         yield Check(
             f"{random} spreads more than {ORCHID} over the last 200 training episodes",
+            (random, ORCHID),
             metric,
             "higher",
             margin,
@@ -323,6 +338,7 @@ def c19(_: Distribution) -> Iterator[Check]:
     yield _strategy(WORST, LONG_MMF, "higher", LONG_PF)
     yield Check(
         f"{LONG_MMF} higher than {LONG_PF}, fifth percentile of topologies",
+        (LONG_MMF, LONG_PF),
         WORST,
         "higher",
         MARGINS[WORST],
@@ -365,7 +381,7 @@ def c23(distribution: Distribution) -> Iterator[Check]:
         ("UAVs", settings.uavs(distribution)),
         ("speeds", _walking(distribution)),
     ):
-        for baseline in (PF_DDPG, MMF_DDPG):
+        for baseline in MADDPG:
             yield beside(baseline, "higher", ORCHID, EFFICIENCY, cases, where=f", over {name}")
 
 
@@ -375,6 +391,7 @@ def c24(distribution: Distribution) -> Iterator[Check]:
         still, *_, fast = settings.speeds(distribution, hold_s)
         yield Check(
             f"{STATIC} lower at 15 m/s, headings held {hold_s:g} s",
+            (STATIC,),
             EFFICIENCY,
             "lower",
             MARGINS[EFFICIENCY],
@@ -406,6 +423,7 @@ def c27(_: Distribution) -> Iterator[Check]:
         yield Check(
             f"{method}: Var(Δθ) of the 50 updates after the reset over that of the 50 before, "
             f"beside κ² = {kappa**2:g} (decimal logarithms)",
+            (method,),
             VARIANCE_RATIO,
             "equal",
             MARGINS[VARIANCE_RATIO],
@@ -423,6 +441,7 @@ def c28(distribution: Distribution) -> Iterator[Check]:
             yield beside(ORCHID, "higher", f"{ORCHID}-zero", metric, [case], where=where)
         yield Check(
             f"{ORCHID} loses less than its twin{where}",
+            (ORCHID,),
             UTILITY,
             "higher",
             MARGINS[UTILITY],

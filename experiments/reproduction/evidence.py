@@ -18,6 +18,8 @@ Statistic = Literal["mean", "std", "cv"]
 
 EARLY = (1, 200)
 """Episodes that are called early."""
+LATE = 200
+"""How many episodes are called late: the last ones."""
 BEFORE_RESET, AFTER_RESET = 50, 50
 """Updates before a reset, and after it, whose variances are compared."""
 
@@ -36,11 +38,8 @@ class Evidence:
     def __init__(self, rows: Iterable[Row], seeds: Sequence[int] = SEEDS) -> None:
         self.seeds = tuple(seeds)
         self._rows = {(row.method, row.seed): row for row in rows}
-        self.asked: set[str] = set()
-        """Methods and rules that were asked for so far."""
 
     def _row(self, method: str, seed: int | None) -> Row | None:
-        self.asked.add(method)
         return self._rows.get((method, seed))
 
     def methods(self) -> set[str]:
@@ -101,10 +100,14 @@ class Evidence:
         return self._of_curves(method, lambda row: _at_the_end(row, metric))
 
     def spread_at_the_end(self, method: str, metric: str) -> Floats:
-        """Standard deviation between the blocks of the last 200 episodes of a training."""
+        """Standard deviation between the blocks of the ``LATE`` last episodes of a training."""
 
         def of(row: Row) -> float:
-            return float(np.std(_blocks(row, metric, row.episodes - 199, row.episodes), ddof=1))
+            if row.episodes < LATE:
+                return np.nan
+            return float(
+                np.std(_blocks(row, metric, row.episodes - LATE + 1, row.episodes), ddof=1)
+            )
 
         return self._of_curves(method, of)
 

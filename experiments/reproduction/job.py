@@ -77,17 +77,12 @@ class RowJob:
         return row_path(self.rows, self.method, self.seed).exists()
 
     @property
-    def minutes(self) -> float:
-        """Minutes of one core that it takes, roughly."""
+    def minutes_flown(self) -> float:
+        """Minutes of one core that its flights take, roughly."""
         if self.seed is None:
             minutes = 10.0 if self.method == "best-response" else 1.0
             return minutes * _QUICK_SHARE if self.is_quick else minutes
-        return TRAININGS[self.method].minutes if self.method in TRAININGS else 0.2
-
-    @property
-    def minutes_flown(self) -> float:
-        """Minutes of one core that its flights take, roughly."""
-        if self.is_quick or self.seed is None or self.method not in TRAININGS:
+        if self.is_quick or self.method not in TRAININGS:
             return 0.2
         training = TRAININGS[self.method]
         each = _MINUTES_PER_CASE[training.config(self.seed).uav.flight]

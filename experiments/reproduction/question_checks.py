@@ -7,16 +7,19 @@ from orchid_uav.experiments.reproduction import settings
 from orchid_uav.experiments.reproduction.checks import (
     EFFICIENCY,
     LOAD,
+    MADDPG_OF_PAPER,
     ORCHID,
     RATE,
     UTILITY,
     WORST,
     beside,
+    fairer_than_maddpg,
+    narrowest_efficiency,
 )
 from orchid_uav.experiments.reproduction.settings import Case
 from orchid_uav.experiments.reproduction.verdicts import Check
 
-INFORMED = "orchid-informed"
+INFORMED, TUNED = "orchid-informed", "orchid-tuned"
 
 
 def _walking_held(distribution: Distribution) -> list[Case]:
@@ -70,3 +73,17 @@ def q5(distribution: Distribution) -> Iterator[Check]:
 def q6(distribution: Distribution) -> Iterator[Check]:
     """The policy on stations beside the controls of Reset-and-Finetune."""
     yield from _what_does_it(INFORMED, _walking_held(distribution))
+
+
+def q7(distribution: Distribution) -> Iterator[Check]:
+    """C9 and C10 where both sides have the paper's numbers."""
+    cases = settings.users(distribution)
+    yield from fairer_than_maddpg(cases, baselines=MADDPG_OF_PAPER)
+    yield from narrowest_efficiency(cases, baselines=MADDPG_OF_PAPER)
+
+
+def q8(distribution: Distribution) -> Iterator[Check]:
+    """C9 and C10 where both sides were searched for, with the same effort."""
+    cases = settings.users(distribution)
+    yield from fairer_than_maddpg(cases, TUNED)
+    yield from narrowest_efficiency(cases, TUNED)

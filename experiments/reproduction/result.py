@@ -1,5 +1,6 @@
 """``claims.json``: what all rows together say, as a typed document."""
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from statistics import median
 
@@ -33,6 +34,8 @@ from orchid_uav.experiments.statistics.results import ResultHeader
 from orchid_uav.storage.documents import Document
 
 SCHEMA = 1
+RowKey = tuple[str, int | None]
+"""Method and seed of a row; of a rule's flights there is no seed."""
 SENSITIVITIES = (
     *("orchid-kappa-0.1", "orchid-shares-se", "orchid-shares-pf", "orchid-10mhz", "orchid-20mhz"),
     *("orchid-n-init-10", "orchid-log-std-1", "orchid-log-std-2", "orchid-uniform"),
@@ -111,8 +114,12 @@ class Reproduction(ResultHeader):
     topologies: int
     rows: dict[str, list[int]]
     """Seeds with a row, by method; no seed for a rule."""
+    asked: dict[str, int]
+    """How many rows there should be, by method or rule, for the claims and figures asked for."""
+    waiting: dict[str, int]
+    """How many of them are missing, where some are."""
     missing: int
-    """Rows that there should be and are not."""
+    """How many are missing of all."""
     hours: float
     """Of one core, for all of the rows."""
     commits: list[str]
@@ -263,7 +270,7 @@ def seeds_by_method(rows: Iterable[Row]) -> dict[str, list[int]]:
 def reproduction(
     header: ResultHeader,
     rows: Sequence[Row],
-    missing: int,
+    asked: Sequence[RowKey],
     is_quick: bool,
     only: Sequence[str] = (),
 ) -> Reproduction:
@@ -272,7 +279,7 @@ def reproduction(
     Args:
         header: what every document of results begins with.
         rows: of all methods and rules.
-        missing: how many rows there should be besides.
+        asked: method and seed of every row that there should be.
         is_quick: whether they are of a quick run, which gives no verdicts.
         only: the claims that are wanted; all of them by default.
     """
@@ -282,6 +289,8 @@ def reproduction(
         [judged(claim, evidence, is_quick) for claim in chosen(some, only)]
         for some in (CLAIMS, QUESTIONS)
     )
+    present = {(row.method, row.seed) for row in rows}
+    waiting = Counter(method for method, seed in asked if (method, seed) not in present)
     seconds = sum((row.seconds_trained or 0.0) + (row.seconds_flown or 0.0) for row in rows)
     return Reproduction(
         **header.to_json(),
@@ -289,7 +298,9 @@ def reproduction(
         seeds=list(seeds),
         topologies=settings.QUICK_TOPOLOGIES if is_quick else settings.TOPOLOGIES,
         rows=seeds_by_method(rows),
-        missing=missing,
+        asked=Counter(method for method, _ in asked),
+        waiting=waiting,
+        missing=waiting.total(),
         hours=round(seconds / 3600.0, 1),
         commits=sorted({row.versions["git_commit"] or "unknown" for row in rows}),
         processors=sorted({str(row.host["processor"]) for row in rows}),

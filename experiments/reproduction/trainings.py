@@ -26,7 +26,7 @@ QUICK_EPISODES, QUICK_WINDOW = 150, 15
 
 Flown = Literal["everything", "tcp", "walking", "base"]
 """What a policy is flown in: all settings of both distributions; all of TCP; the paper's network
-with users that stay and that walk; the paper's network alone."""
+with users that stay and that walk, and where Phase I errs; the paper's network alone."""
 
 
 @dataclass(frozen=True)
@@ -38,8 +38,6 @@ class Training:
     """Of ``orchid train``, without the seed."""
     purpose: str
     flown: Flown
-    minutes: float
-    """Of one core for one seed with its flights, measured; see ``docs/claims.md``."""
     in_quick: bool = False
 
     def config(self, seed: int, is_quick: bool = False) -> RunConfig:
@@ -86,15 +84,13 @@ def configured(arguments: Sequence[str]) -> RunConfig:
 _LONG = ("--episodes", "1000", "--set", "reset.max_resets=3")
 
 
-def _controls(base: str, flown: Flown, minutes: float, keys: Iterable[str]) -> Iterator[Training]:
+def _controls(base: str, flown: Flown, keys: Iterable[str]) -> Iterator[Training]:
     """The controls of Reset-and-Finetune for a method."""
     config = configured(COMMANDS[base])
     for key in keys:
         values = control(key, config).values
         arguments = [word for name, value in values.items() for word in _assigned(name, value)]
-        yield Training(
-            f"{base}-{key}", (*COMMANDS[base], *arguments), CONTROLS[key], flown, minutes
-        )
+        yield Training(f"{base}-{key}", (*COMMANDS[base], *arguments), CONTROLS[key], flown)
 
 
 def _assigned(key: str, value: Any) -> tuple[str, str]:
@@ -102,47 +98,36 @@ def _assigned(key: str, value: Any) -> tuple[str, str]:
 
 
 def _sensitivity(key: str, assignment: str, purpose: str) -> Training:
-    return Training(f"orchid-{key}", ("--set", assignment), purpose, "base", 3.5)
+    return Training(f"orchid-{key}", ("--set", assignment), purpose, "base")
 
 
 def _all() -> Iterator[Training]:
-    released = COMMANDS
+    def released(key: str, purpose: str, flown: Flown, in_quick: bool = False) -> Training:
+        return Training(key, COMMANDS[key], purpose, flown, in_quick)
+
     no_rf = "the same without Reset-and-Finetune"
-    yield Training("orchid", released["orchid"], "the paper's proposal", "everything", 5.0, True)
-    yield Training("orchid-no-rf", released["orchid-no-rf"], no_rf, "everything", 5.0, True)
-    yield Training(
-        "orchid-random-init",
-        released["orchid-random-init"],
-        "from random starts: the ablation of Phase I",
-        "everything",
-        5.0,
-        True,
-    )
-    yield Training("orchid-long", _LONG, "max-min, 1,000 episodes, 3 resets", "base", 5.0, True)
-    yield Training(
-        "orchid-pf",
-        released["orchid-pf"],
-        "proportional, 1,000 episodes, 3 resets",
-        "everything",
-        7.0,
-        True,
-    )
+    yield released("orchid", "the paper's proposal", "everything", True)
+    yield released("orchid-no-rf", no_rf, "everything", True)
+    random_starts = "from random starts: the ablation of Phase I"
+    yield released("orchid-random-init", random_starts, "everything", True)
+    yield Training("orchid-long", _LONG, "max-min, 1,000 episodes, 3 resets", "base", True)
+    yield released("orchid-pf", "proportional, 1,000 episodes, 3 resets", "everything", True)
     for key in ("maddpg-mmf", "maddpg-pf"):
-        what = "MADDPG with the best recipe of its search"
-        yield Training(key, released[key], what, "everything", 13.0, True)
+        yield released(key, "MADDPG with the best recipe of its search", "everything", True)
+    yield released("orchid-tuned", "orchid with the best recipe of its search", "tcp")
     for key in ("maddpg-mmf-paper", "maddpg-pf-paper"):
-        yield Training(key, released[key], "MADDPG with the paper's numbers", "tcp", 13.0)
-    yield from _controls("orchid", "base", 3.5, (key for key in CONTROLS if key != FROZEN))
-    yield from _controls("orchid", "base", 3.0, (FROZEN,))
+        yield released(key, "MADDPG with the paper's numbers", "tcp")
+    yield from _controls("orchid", "base", (key for key in CONTROLS if key != FROZEN))
+    yield from _controls("orchid", "base", (FROZEN,))
     yield _sensitivity("kappa-0.1", "reset.kappa=0.1", "κ of the paper's text instead of Table I's")
-    informed = released["orchid-informed"]
-    yield Training("orchid-informed", informed, "where learning can move something", "walking", 14)
-    yield Training("orchid-informed-no-rf", (*informed, "--no-rf"), no_rf, "walking", 14)
+    informed = COMMANDS["orchid-informed"]
+    yield Training("orchid-informed", informed, "where learning can move something", "walking")
+    yield Training("orchid-informed-no-rf", (*informed, "--no-rf"), no_rf, "walking")
     rest = (key for key in CONTROLS if key != FROZEN)
-    yield from _controls("orchid-informed", "walking", 14, rest)
+    yield from _controls("orchid-informed", "walking", rest)
     uniform = ("--distribution", "uniform")
-    yield Training("orchid-uniform", uniform, "trained on uniform users", "everything", 5.0)
-    yield Training("orchid-no-rf-uniform", (*uniform, "--no-rf"), no_rf, "everything", 5.0)
+    yield Training("orchid-uniform", uniform, "trained on uniform users", "everything")
+    yield Training("orchid-no-rf-uniform", (*uniform, "--no-rf"), no_rf, "everything")
     yield _sensitivity("shares-se", "network.shares=se", "shares that follow spectral efficiency")
     yield _sensitivity("shares-pf", "network.shares=pf", "equal shares with the max-min reward")
     for megahertz in (10, 20):

@@ -1,16 +1,21 @@
 """Rules by which the rows of the seeds become a verdict on a claim."""
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t
 
 from orchid_uav.experiments.reproduction.evidence import Evidence
-from orchid_uav.experiments.statistics.comparison import ALPHA, Comparison, compare_pairs, holm
+from orchid_uav.experiments.statistics.comparison import (
+    ALPHA,
+    Comparison,
+    compare_pairs,
+    holm,
+    least_detectable_effect,
+    p_value_above,
+)
 from orchid_uav.storage.documents import Document
 
 Floats = NDArray[np.float64]
@@ -32,6 +37,8 @@ class Check:
     """
 
     what: str
+    methods: tuple[str, ...]
+    """Methods and rules whose rows it needs; a zero-action twin's are those of its method."""
     metric: str
     """Key of the metric, for its unit and scale."""
     expected: Expectation
@@ -47,12 +54,16 @@ class Judgement(Document):
     """What the rows say of a check."""
 
     what: str
+    methods: list[str]
+    """Methods and rules that it is made of."""
     metric: str
     is_relative: bool
     """Whether the numbers below are relative spreads, without the metric's unit."""
     expected: Expectation
     margin: float
     finding: Finding
+    is_within_margin: bool
+    """Whether the difference is shown to be within the margin, whatever is claimed."""
     n: int
     """Complete pairs."""
     units: int
@@ -66,7 +77,9 @@ class Judgement(Document):
     p_holm: float | None
     """Of a difference from 0, adjusted within the claim."""
     least_detectable_effect: float | None
-    """Shown with 80 % power by as many pairs."""
+    """What as many pairs would decide with 80 % power: how far from 0 the difference would have to
+    be (*higher*, *lower*: each of the claim's tests at its share of 5 %), or how far on either side
+    of the margin (*equal*, *not lower*, *not higher*)."""
 
 
 def judge_checks(checks: Sequence[Check], evidence: Evidence) -> list[Judgement]:
@@ -78,7 +91,7 @@ def judge_checks(checks: Sequence[Check], evidence: Evidence) -> list[Judgement]
     ]
     adjusted = holm([comparison.p_value for comparison in found])
     return [
-        _judgement(check, one, other, comparison, p_holm)
+        _judgement(check, one, other, comparison, p_holm, len(checks))
         for check, (one, other), comparison, p_holm in zip(
             checks, sides, found, adjusted, strict=True
         )
@@ -92,16 +105,24 @@ def _sides(check: Check, evidence: Evidence) -> tuple[Floats, Floats]:
 
 
 def _judgement(
-    check: Check, one: Floats, other: Floats, comparison: Comparison, p_holm: float | None
+    check: Check,
+    one: Floats,
+    other: Floats,
+    comparison: Comparison,
+    p_holm: float | None,
+    family: int,
 ) -> Judgement:
     complete = np.isfinite(one) & np.isfinite(other)
+    differences = (one - other)[complete]
     return Judgement(
         what=check.what,
+        methods=list(check.methods),
         metric=check.metric,
         is_relative=check.is_relative,
         expected=check.expected,
         margin=check.margin,
-        finding=_finding(check, (one - other)[complete], comparison, p_holm),
+        finding=_finding(check, differences, comparison, p_holm),
+        is_within_margin=comparison.equivalence is not None and comparison.equivalence.equivalent,
         n=comparison.n,
         units=max(len(one), LEAST_SEEDS),
         one=float(one[complete].mean()) if complete.any() else None,
@@ -109,8 +130,14 @@ def _judgement(
         difference=comparison.difference.mean,
         ci95=comparison.difference.ci95,
         p_holm=p_holm,
-        least_detectable_effect=comparison.least_detectable_effect,
+        least_detectable_effect=_least_detectable(check, differences, family),
     )
+
+
+def _least_detectable(check: Check, differences: Floats, family: int) -> float | None:
+    if check.expected in ("higher", "lower"):
+        return least_detectable_effect(differences, alpha=ALPHA / family)
+    return least_detectable_effect(differences, sides=1)
 
 
 def _finding(
@@ -129,7 +156,7 @@ def _finding(
     is_equal = equivalence is not None and equivalence.equivalent
     is_shown = p_holm <= ALPHA
     if check.expected == "equal":
-        is_beyond = is_shown and p_beyond(differences * np.sign(mean), -check.margin) <= ALPHA
+        is_beyond = is_shown and p_value_above(differences * np.sign(mean), check.margin) <= ALPHA
         return "yes" if is_equal else "no" if is_beyond else "undecided"
     sign = 1.0 if check.expected in ("higher", "not lower") else -1.0
     is_right = sign * mean > 0.0
@@ -137,22 +164,10 @@ def _finding(
         if is_shown and is_right and not is_equal:
             return "yes"
         return "no" if is_equal or is_shown else "undecided"
-    if p_beyond(sign * differences, check.margin) <= ALPHA:
+    if p_value_above(sign * differences, -check.margin) <= ALPHA:
         return "yes"
-    is_beyond = is_shown and p_beyond(-sign * differences, -check.margin) <= ALPHA
+    is_beyond = is_shown and p_value_above(-sign * differences, check.margin) <= ALPHA
     return "no" if is_beyond else "undecided"
-
-
-def p_beyond(differences: Floats, margin: float) -> float:
-    """p-value that the mean lies below −margin: a one-sided paired t-test against it.
-
-    With a negative margin it is about a mean that does not reach so far above 0.
-    """
-    distance = float(np.mean(differences)) + margin
-    error = float(np.std(differences, ddof=1)) / math.sqrt(len(differences))
-    if not error:
-        return 0.0 if distance > 0.0 else 1.0
-    return float(t.sf(distance / error, len(differences) - 1))
 
 
 def verdict_of(findings: Sequence[Finding]) -> Verdict:

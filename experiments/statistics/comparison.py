@@ -269,19 +269,28 @@ def equivalence(differences: Floats, margin: float | None) -> Equivalence | None
         return None
     if not 0.0 < margin < np.inf:
         raise InputError(f"the margin is {margin}: give a finite number above 0")
-    count = len(differences)
-    if count < MIN_SEEDS:
+    if len(differences) < MIN_SEEDS:
         return None
-    distance = margin - abs(float(np.mean(differences)))
-    error = float(np.std(differences, ddof=1)) / count**0.5
-    p_value = float(t.sf(distance / error, count - 1)) if error else float(distance <= 0.0)
+    p_value = max(p_value_above(sign * differences, -margin) for sign in (1.0, -1.0))
     return Equivalence(margin=float(margin), p_value=p_value, equivalent=p_value <= ALPHA)
 
 
+def p_value_above(differences: Floats, bound: float) -> float:
+    """p-value of a one-sided paired t-test against a mean of at most ``bound``.
+
+    Differences that are all equal are taken as exact: p is 0 if they are above it, else 1.
+    """
+    distance = float(np.mean(differences)) - bound
+    error = float(np.std(differences, ddof=1)) / len(differences) ** 0.5
+    if not error:
+        return 0.0 if distance > 0.0 else 1.0
+    return float(t.sf(distance / error, len(differences) - 1))
+
+
 def least_detectable_effect(
-    differences: Floats, power: float = 0.8, alpha: float = ALPHA
+    differences: Floats, power: float = 0.8, alpha: float = ALPHA, sides: Literal[1, 2] = 2
 ) -> float | None:
-    """Mean difference that a two-sided paired t-test would show with this power at this spread.
+    """Mean difference that a paired t-test would show with this power at this spread.
 
     It comes from the noncentral t distribution. The far tail, where the test errs in the sign, is
     left out (below 1e-6 for a power of 0.8). It holds for a single test; within a family the effect
@@ -291,6 +300,7 @@ def least_detectable_effect(
         differences: differences of pairs; only their number and standard deviation matter.
         power: how often the test would show this effect.
         alpha: how often the test would show an effect where there is none.
+        sides: on which the effect may lie; 1 for a distance from a bound.
 
     Raises:
         InputError: not 0 < alpha < power < 1.
@@ -300,7 +310,7 @@ def least_detectable_effect(
     count = len(differences)
     if count < MIN_SEEDS:
         return None
-    threshold = t.isf(alpha / 2.0, count - 1)
+    threshold = t.isf(alpha / sides, count - 1)
     noncentrality = nctdtrinc(count - 1, 1.0 - power, threshold)
     return float(noncentrality * np.std(differences, ddof=1) / count**0.5)
 

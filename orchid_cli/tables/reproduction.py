@@ -27,7 +27,7 @@ def print_reproduction(out: Console, document: Reproduction) -> None:
 
 def _row(claim: JudgedClaim) -> list[str]:
     uniform = claim.uniform.verdict if claim.uniform else None
-    check = decisive(claim.tcp.checks)
+    check = decisive(claim.tcp)
     return [
         claim.key,
         claim.says,

@@ -36,8 +36,12 @@ def _sources(figure: Path) -> list[Path]:
         return row_files(figure)
     if figure.name.startswith("reference"):
         return [REFERENCE / key / "episodes.csv" for key in COMMANDS]
+    if figure.name.startswith("uavs_"):
+        return [RESULTS / "uavs.json"]
     own = [*RESULTS.glob(f"{figure.stem}.json"), *RESULTS.glob(f"torture/{figure.stem}.json")]
-    return own or [RESULTS / "uavs.json"]
+    if not own:
+        raise LookupError(f"{figure.name} is drawn from no result of its name")
+    return own
 
 
 def _digest(files: list[Path]) -> str:

@@ -2,8 +2,9 @@
 
 from collections.abc import Sequence
 from functools import cache
+from statistics import median
 
-from orchid_uav.experiments.evaluation.directory import header_of
+from orchid_uav.experiments.provenance import CHANGES
 from orchid_uav.experiments.reproduction.campaign import Campaign
 from orchid_uav.experiments.reproduction.report.effects import (
     interval_text,
@@ -11,11 +12,10 @@ from orchid_uav.experiments.reproduction.report.effects import (
     mean_text,
     scale_of,
 )
-from orchid_uav.experiments.reproduction.result import JudgedClaim, Reproduction, reproduction
+from orchid_uav.experiments.reproduction.result import JudgedClaim, Reproduction
 from orchid_uav.experiments.reproduction.rows import Row, read_rows
 from orchid_uav.experiments.reproduction.trainings import SEEDS, TRAININGS
 from orchid_uav.experiments.reproduction.verdicts import Judgement
-from orchid_uav.experiments.statistics.results import ResultHeader
 from studies.pages.markdown import ROOT, table
 from studies.recording import RESULTS
 
@@ -32,17 +32,19 @@ def rows_read() -> Sequence[Row]:
 @cache
 def result() -> Reproduction:
     """What the committed rows say."""
-    rows = rows_read()
-    missing = len(Campaign(ROWS / "nowhere", ROWS).waiting())
-    header = ResultHeader.from_json(header_of(["orchid", "reproduce"], "completed"))
-    return reproduction(header, rows, missing, is_quick=False)
+    nowhere = ROWS / "nowhere"  # that does not exist, so that nothing is written or checked
+    command = ("orchid", "reproduce")
+    return Campaign(nowhere, ROWS).gathered(command, "completed", rows_read())
 
 
 def progress_block() -> str:
     """How many seeds of each method have their row."""
     found = result()
     trained = [key for key in TRAININGS if found.rows.get(key)]
-    rows = [[f"`{key}`", f"{len(found.rows[key])} of {len(SEEDS)}"] for key in trained]
+    rows = [
+        [f"`{key}`", f"{len(found.rows[key])} of {len(SEEDS)}", f"{_minutes(key):.1f}"]
+        for key in trained
+    ]
     dates = sorted({row.date for row in rows_read()})
     when = " to ".join(dict.fromkeys((dates[0], dates[-1])))
     done, wanted = sum(len(found.rows[key]) for key in trained), len(TRAININGS) * len(SEEDS)
@@ -52,7 +54,19 @@ def progress_block() -> str:
         f"so far ({', '.join(found.processors)}, {when}, commits "
         f"{', '.join(f'`{commit[:7]}`' for commit in found.commits)})."
     )
-    return f"{told}\n\n{table(['method', 'seeds'], rows, words=2)}"
+    changed = [commit for commit in found.commits if commit.endswith(CHANGES)]
+    if changed:
+        raise ValueError(f"rows were made by code with uncommitted changes: {changed}")
+    return f"{told}\n\n{table(['method', 'seeds', 'minutes of one core for one'], rows)}"
+
+
+def _minutes(method: str) -> float:
+    """Of one core for one seed with its flights, in the median."""
+    return median(
+        ((row.seconds_trained or 0.0) + (row.seconds_flown or 0.0)) / 60.0
+        for row in rows_read()
+        if row.method == method
+    )
 
 
 def verdicts_block() -> str:
@@ -68,8 +82,9 @@ def verdicts_block() -> str:
 
 
 def is_measured(claim: JudgedClaim) -> bool:
-    """Whether all comparisons of a claim have all of their pairs."""
-    return all(check.n == check.units for check in claim.tcp.checks)
+    """Whether all comparisons of a claim have all of their pairs, among all users."""
+    checks = [*claim.tcp.checks, *(claim.uniform.checks if claim.uniform else ())]
+    return all(check.n == check.units for check in checks)
 
 
 def _row(claim: JudgedClaim) -> list[str]:

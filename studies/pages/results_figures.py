@@ -6,12 +6,15 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-from orchid_uav.experiments.reproduction.figures.all_figures import draw_figures, figure_of
+from orchid_uav.experiments.reproduction.figures.all_figures import (
+    draw_figures,
+    drawn_methods,
+    figure_of,
+)
 from orchid_uav.experiments.reproduction.needs import FIGURES as NEEDS
-from orchid_uav.experiments.reproduction.trainings import SEEDS, TRAININGS
 from orchid_uav.storage.files import write_json
 from studies.pages.markdown import FIGURES
-from studies.pages.results import PAGE, ROWS, rows_read
+from studies.pages.results import PAGE, ROWS, result, rows_read
 
 PREFIX = "reproduction_"
 WORDS = FIGURES / "reproduction.json"
@@ -20,8 +23,8 @@ WORDS = FIGURES / "reproduction.json"
 
 def row_files(drawn: Path) -> list[Path]:
     """The committed rows that a figure of this page is drawn from."""
-    figure = figure_of(drawn.stem.removeprefix(PREFIX))
-    return [path for method in NEEDS[figure] for path in sorted((ROWS / method).glob("*.json"))]
+    methods = drawn_methods(figure_of(drawn.stem.removeprefix(PREFIX)))
+    return [path for method in methods for path in sorted((ROWS / method).glob("*.json"))]
 
 
 def draw_reproduction() -> list[Path]:
@@ -58,8 +61,7 @@ def _shown() -> Iterator[str]:
 
 
 def _is_complete(figure: str) -> bool:
-    found = {method: list((ROWS / method).glob("*.json")) for method in NEEDS[figure]}
-    return all(len(found[method]) >= (len(SEEDS) if method in TRAININGS else 1) for method in found)
+    return not NEEDS[figure] & result().waiting.keys()
 
 
 RESULTS_FIGURES_BLOCKS = {"results figures": (PAGE, figures_block)}

@@ -23,11 +23,9 @@ from orchid_uav.experiments.reproduction.checks import (
     beside,
 )
 from orchid_uav.experiments.reproduction.evidence import Evidence
-from orchid_uav.experiments.reproduction.job import RULES
 from orchid_uav.experiments.reproduction.needs import needed_for
 from orchid_uav.experiments.reproduction.report.effects import interval_text, mean_text
 from orchid_uav.experiments.reproduction.result import FalseAlarms, JudgedClaim
-from orchid_uav.experiments.reproduction.trainings import SEEDS
 from orchid_uav.experiments.reproduction.verdicts import Judgement, judge_checks
 from studies.movements import FOLDER
 from studies.pages.markdown import recorded, table
@@ -42,6 +40,8 @@ class Sentence(NamedTuple):
     """Of its comparisons among users in hotspots, for which it was written."""
     text: str
     """With places for differences; see ``results_words.toml``."""
+    uniform: Sequence[str] = ()
+    """Of those among uniform users; none where it does not speak of them."""
 
 
 def sentences() -> Mapping[str, Mapping[str, Sentence]]:
@@ -70,9 +70,10 @@ def told_of(claim: JudgedClaim, sentence: Sentence) -> str:
     Raises:
         ValueError: the claim is measured, and its findings are not those of the sentence.
     """
-    findings = [check.finding for check in claim.tcp.checks]
-    if is_measured(claim) and findings != list(sentence.findings):
-        raise ValueError(f"{claim.key}: written for {sentence.findings}, and found are {findings}")
+    for written, judged in ((sentence.findings, claim.tcp), (sentence.uniform, claim.uniform)):
+        found = [_found(check) for check in judged.checks] if judged else []
+        if written and is_measured(claim) and found != list(written):
+            raise ValueError(f"{claim.key}: written for {written}, and found are {found}")
     told = " ".join(sentence.text.split()).format(
         *map(_difference, claim.tcp.checks),
         uniform=[_difference(check) for check in claim.uniform.checks] if claim.uniform else [],
@@ -82,6 +83,11 @@ def told_of(claim: JudgedClaim, sentence: Sentence) -> str:
         variance_margin=MARGINS[VARIANCE_RATIO],
     )
     return f"* {told} ({claim.key.upper()})"
+
+
+def _found(check: Judgement) -> str:
+    """Its finding, or "within" where it is refuted by a difference within the margin."""
+    return "within" if check.finding == "no" and check.is_within_margin else check.finding
 
 
 @functools.cache
@@ -140,11 +146,13 @@ def _mean(rows: list[dict[str, float]], key: str) -> float:
 def trigger_block() -> str:
     """How often Reset-and-Finetune's trigger fires on a policy that learns nothing."""
     found = {(one.window, one.tolerance): one for one in result().false_alarms}
-    if not found:
-        return "Not measured yet."
     reset = RunConfig().reset
     own = found[reset.window, reset.tolerance_jfi]
-    resets = [row.reset_episodes[0] for row in rows_read() if row.method == "orchid"]
+    resets = [
+        row.reset_episodes[0]
+        for row in rows_read()
+        if row.method == "orchid" and row.reset_episodes
+    ]
     told = (
         f"With the paper's window of {own.window} episodes and tolerance of {own.tolerance:g}, it "
         f"fires in {own.fired} of {own.runs} trainings\nwhose learning rates are 0, at episode "
@@ -174,17 +182,13 @@ def waiting_block() -> str:
     if not waiting:
         return "Every claim has all of its seeds."
     rows = [[claim.key.upper(), claim.says, _missing(claim)] for claim in waiting]
-    return table(["", "claim", "seeds that are missing"], rows, words=3)
+    return table(["", "claim", "rows that are missing"], rows, words=3)
 
 
 def _missing(claim: JudgedClaim) -> str:
-    rows = result().rows
-    told = []
-    for method in sorted(needed_for([claim.key])):
-        missing = len(SEEDS) - len(rows.get(method, []))
-        if method not in RULES and missing:
-            told.append(f"`{method}` {missing}")
-    return ", ".join(told) or "flights of rules"
+    waiting = result().waiting
+    needed = sorted(needed_for([claim.key]))
+    return ", ".join(f"`{method}` {waiting[method]}" for method in needed if method in waiting)
 
 
 RESULTS_WORDS_BLOCKS = {

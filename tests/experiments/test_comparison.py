@@ -22,6 +22,7 @@ from orchid_uav.experiments.statistics.comparison import (
     interquartile_mean,
     judge,
     least_detectable_effect,
+    p_value_above,
     probability_of_improvement,
     sign_flip_p_value,
 )
@@ -307,6 +308,18 @@ class TestEquivalence:
     def test_a_margin_that_is_none_is_refused(self, margin):
         with pytest.raises(InputError, match="above 0"):
             equivalence(self.DIFFERENCES, margin)
+
+
+class TestBeingAboveABound:
+    @pytest.mark.parametrize("bound", [-0.4, 0.0, 1.3])
+    def test_is_a_one_sided_t_test(self, bound):
+        differences = np.array([0.3, -0.2, 1.1, 0.9, -0.6, 0.5, 0.1])
+        reference = stats.ttest_1samp(differences, bound, alternative="greater").pvalue
+        assert p_value_above(differences, bound) == pytest.approx(reference)
+
+    def test_equal_differences_are_exact(self):
+        assert p_value_above(np.full(10, -0.25), -0.5) == 0.0
+        assert p_value_above(np.full(10, -0.75), -0.5) == 1.0
 
 
 class TestLeastDetectableEffect:

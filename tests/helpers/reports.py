@@ -45,11 +45,13 @@ def make_judgement(check: Check, finding: Finding) -> Judgement:
     half = 0.6 * check.margin
     return Judgement(
         what=check.what,
+        methods=list(check.methods),
         metric=check.metric,
         is_relative=check.is_relative,
         expected=check.expected,
         margin=check.margin,
         finding=finding,
+        is_within_margin=False,
         n=10,
         units=10,
         one=one,
@@ -155,6 +157,8 @@ def make_document(is_quick: bool = False, **fields: Any) -> Reproduction:
         "seeds": seeds,
         "topologies": 100,
         "rows": dict.fromkeys(TRAININGS, seeds) | {rule: [] for rule in RULES},
+        "asked": dict.fromkeys(TRAININGS, len(seeds)) | dict.fromkeys(RULES, 1),
+        "waiting": {},
         "missing": 0,
         "hours": 31.5,
         "commits": [str(VERSIONS["git_commit"])],

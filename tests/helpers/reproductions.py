@@ -9,7 +9,7 @@ import numpy as np
 from orchid_uav.experiments.ablation.design import TOLERANCES, WINDOWS
 from orchid_uav.experiments.reproduction.job import HOVERING, RULES
 from orchid_uav.experiments.reproduction.result import SCHEMA as DOCUMENT_SCHEMA
-from orchid_uav.experiments.reproduction.result import TABLED, Reproduction, reproduction
+from orchid_uav.experiments.reproduction.result import TABLED, Reproduction, RowKey, reproduction
 from orchid_uav.experiments.reproduction.rows import SCHEMA, Firing, FlownCase, Row, TrainingCurve
 from orchid_uav.experiments.reproduction.settings import QUICK_CASES, Case, flown_by
 from orchid_uav.experiments.reproduction.trainings import SEEDS, TRAININGS
@@ -182,9 +182,9 @@ def make_rows(
 
 
 def make_reproduction(
-    rows: Sequence[Row], missing: int = 0, is_quick: bool = False
+    rows: Sequence[Row], missing: Sequence[RowKey] = (), is_quick: bool = False
 ) -> Reproduction:
-    """What rows say."""
+    """What rows say, of which some more are asked for."""
     header = ResultHeader.model_validate(
         {
             "schema": DOCUMENT_SCHEMA,
@@ -195,4 +195,5 @@ def make_reproduction(
             "host": {"system": "Linux x86_64", "processor": "Test processor", "cores": 2},
         }
     )
-    return reproduction(header, rows, missing, is_quick)
+    asked = [*((row.method, row.seed) for row in rows), *missing]
+    return reproduction(header, rows, asked, is_quick)

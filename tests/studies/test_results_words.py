@@ -20,11 +20,25 @@ def test_a_sentence_tells_differences_of_its_claim(key):
     assert numbers & {str(place) for place in range(len(claim.tcp.checks))}
 
 
-def test_a_sentence_for_other_findings_is_refused():
-    [claim] = [one for one in result().claims if one.key == "c19"]
+@pytest.mark.parametrize(
+    ("key", "others"),
+    [
+        ("c19", {"findings": ["yes", "no"]}),
+        ("c18", {"findings": ["no"]}),  # it is "within"
+        ("q1", {"uniform": ["within", "within", "no"]}),
+    ],
+)
+def test_a_sentence_for_other_findings_is_refused(key, others):
+    [claim] = [one for one in (*result().claims, *result().questions) if one.key == key]
     assert is_measured(claim)
-    with pytest.raises(ValueError, match="c19: written for"):
-        told_of(claim, SAID["c19"]._replace(findings=["yes", "no"]))
+    with pytest.raises(ValueError, match=f"{key}: written for"):
+        told_of(claim, SAID[key]._replace(**others))
+
+
+def test_a_sentence_about_uniform_users_names_what_it_was_written_for():
+    assert {key for key in SAID if "niform" in SAID[key].text} == {
+        key for key in SAID if SAID[key].uniform
+    }
 
 
 def test_no_claim_is_told_twice():

@@ -6,8 +6,8 @@ from pathlib import Path
 from orchid_uav.experiments.reproduction import settings
 from orchid_uav.experiments.reproduction.figures.convergence import Convergence, draw_convergence
 from orchid_uav.experiments.reproduction.figures.drawn import DISTRIBUTION_WORDS, DrawnFigure
-from orchid_uav.experiments.reproduction.figures.scaling import Axis, draw_scaling
-from orchid_uav.experiments.reproduction.figures.strategy import draw_strategy
+from orchid_uav.experiments.reproduction.figures.scaling import FAMILIES, Axis, draw_scaling
+from orchid_uav.experiments.reproduction.figures.strategy import NAMES, draw_strategy
 from orchid_uav.experiments.reproduction.needs import FIGURES
 from orchid_uav.experiments.reproduction.rows import Row
 from orchid_uav.experiments.reproduction.settings import Case
@@ -60,6 +60,17 @@ def draw_figures(
     return sorted(
         (figure for figure in drawn if figure is not None), key=lambda one: figure_of(one.key)
     )
+
+
+def drawn_methods(figure: str) -> list[str]:
+    """All methods and rules of which one of the paper's figures, such as "fig4", shows rows."""
+    if figure == "fig8":
+        return [*NAMES]
+    if figure in {figure_of(axis.key) for axis in axes()}:
+        families = [label for family in FAMILIES.values() for label in family]
+        return list(dict.fromkeys(label.removesuffix("-zero") for label in families))
+    trained = [one.methods for one in TRAINED if figure_of(one.key) == figure]
+    return list(dict.fromkeys(method for methods in trained for method in methods))
 
 
 def figure_of(key: str) -> str:

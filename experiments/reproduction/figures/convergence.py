@@ -225,7 +225,7 @@ class _Sheet:
             )
         if any(row.reset_episodes for own in self.by_method.values() for row in own):
             sentences.append("Ticks at the bottom: resets of the optimizer.")
-        if len({"-pf" in method for method in self.by_method}) > 1:
+        if len({objective_of(method) for method in self.by_method}) > 1:
             sentences.append(
                 "Rewards of the two objectives (names with -pf, and the others) measure different "
                 "things."
@@ -235,7 +235,7 @@ class _Sheet:
     def in_words(self) -> str:
         """Text alternative."""
         first = next(iter(self.by_method))
-        sentences = []
+        sentences = ["Interquartile means over seeds."]
         for metric in PANELS:
             ends = {method: _end(curve, metric) for method, curve in self.trained[metric].items()}
             curve = self.trained[metric][first]
@@ -243,7 +243,7 @@ class _Sheet:
             heading = METRICS[metric].title
             sentences.append(
                 f"{heading[:1].upper()}{heading[1:]} over the last {FINAL_EPISODES} episodes of "
-                f"training: {extremes_text(metric, ends)}; {first} begins at {begin} and ends at "
+                f"training: {_ranked(metric, ends)}; {first} begins at {begin} and ends at "
                 f"{value_text(metric, ends[first])}."
             )
             flown = {
@@ -252,8 +252,25 @@ class _Sheet:
                 if len(curve.values)
             }
             if flown:
-                sentences.append(f"At last, without noise: {extremes_text(metric, flown)}.")
+                sentences.append(f"At last, without noise: {_ranked(metric, flown)}.")
         return " ".join(sentences)
+
+
+def objective_of(method: str) -> str:
+    """The objective of whose rewards a method's are, in words."""
+    return "proportional" if "-pf" in method else "max-min"
+
+
+def _ranked(metric: str, values: Mapping[str, float]) -> str:
+    """The highest and the lowest value; of rewards for each objective, as they do not compare."""
+    objectives = {objective_of(method) for method in values}
+    if metric != "reward" or len(objectives) < 2:
+        return extremes_text(metric, values)
+    parts = []
+    for objective in sorted(objectives):
+        own = {method: values[method] for method in values if objective_of(method) == objective}
+        parts.append(f"of {objective} ones {extremes_text(metric, own)}")
+    return ", ".join(parts)
 
 
 def _trained(rows: Sequence[Row], metric: str) -> Curve:

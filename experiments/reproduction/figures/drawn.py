@@ -1,7 +1,7 @@
 """A figure that was drawn, and what can be said of it in words."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -18,6 +18,10 @@ DISTRIBUTION_WORDS: Mapping[Distribution, str] = {
     "tcp": "users in hotspots",
     "uniform": "users spread evenly",
 }
+
+
+MOST_NAMED = 3
+"""So many methods with the same number are named; more are counted."""
 
 
 class DrawnFigure(NamedTuple):
@@ -52,7 +56,10 @@ def value_text(metric: str, stored: float) -> str:
 
 
 def extremes_text(metric: str, values: Mapping[str, float]) -> str:
-    """Which methods have the highest and the lowest value: "highest a 0.9, lowest b 0.7"."""
+    """Which methods have the highest and the lowest value: "highest a 0.9, lowest b 0.7".
+
+    Methods that show the same number are named together.
+    """
     known = {label: value for label, value in values.items() if math.isfinite(value)}
     if not known:
         return "not measured"
@@ -60,8 +67,18 @@ def extremes_text(metric: str, values: Mapping[str, float]) -> str:
     if len(set(shown.values())) == 1:
         everybody = "all" if len(shown) > 1 else next(iter(shown))
         return f"{everybody} {next(iter(shown.values()))}"
-    high, low = max(known, key=known.__getitem__), min(known, key=known.__getitem__)
-    return f"highest {high} {shown[high]}, lowest {low} {shown[low]}"
+    told = []
+    for word, end in (("highest", max), ("lowest", min)):
+        extreme = shown[end(known, key=known.__getitem__)]
+        told.append(f"{word} {_named([key for key in shown if shown[key] == extreme])} {extreme}")
+    return ", ".join(told)
+
+
+def _named(labels: Sequence[str]) -> str:
+    if len(labels) > MOST_NAMED:
+        return f"{len(labels)} methods"
+    *others, last = labels
+    return f"{', '.join(others)} and {last}" if others else last
 
 
 def missing_text(present: Mapping[str, int], wanted: Iterable[str], seeds: int) -> str:

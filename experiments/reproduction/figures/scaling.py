@@ -45,7 +45,8 @@ FAMILIES: Mapping[str, Sequence[str]] = {
     ),
     "Other trainings": (
         *("orchid-pf", "orchid-pf-zero", "orchid-random-init", "orchid-random-init-zero"),
-        *("maddpg-pf-paper", "maddpg-mmf-paper", "orchid-uniform", "orchid-no-rf-uniform"),
+        *("maddpg-pf-paper", "maddpg-mmf-paper", "orchid-tuned"),
+        *("orchid-uniform", "orchid-no-rf-uniform"),
     ),
     "Rules, and what this project adds; orchid to compare": (
         *("static-pf", "static-mmf", "loiter-mmf", "balanced-loiter", "track"),

@@ -27,7 +27,8 @@ _RULES = (
     "What was changed in claims and rules after the first trainings stands in the project's "
     "docs/claims.md, with the verdicts before and after.",
     'Fewer than ten pairs decide nothing. Where nothing is decided, "detectable from" says how '
-    "large a difference would have been shown with a chance of 80 %.",
+    "large a difference would have been shown with a chance of 80 %, or, for what is asked about "
+    "the margin, how far from the margin it would have had to be.",
 )
 _TERMS = {
     "blocking pair": "A user and a drone that would both rather be connected to each other.",

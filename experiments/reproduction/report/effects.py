@@ -7,6 +7,7 @@ from typing import NamedTuple
 from orchid_uav.experiments.markup import Markup, element, joined
 from orchid_uav.experiments.metrics import METRICS, UNBREAKABLE
 from orchid_uav.experiments.reproduction.checks import VARIANCE_RATIO
+from orchid_uav.experiments.reproduction.result import Judged
 from orchid_uav.experiments.reproduction.verdicts import Finding, Judgement, Verdict
 
 MINUS = "\N{MINUS SIGN}"
@@ -90,12 +91,13 @@ def interval_text(check: Judgement) -> str:
 
 
 def least_text(check: Judgement) -> str:
-    """The least effect that would have been shown, where nothing was."""
+    """What would have been decided, where nothing was."""
     if check.finding != "undecided" or check.least_detectable_effect is None:
         return ""
     scale = scale_of(check)
-    least = scale.text(check.least_detectable_effect)
-    return f"detectable from {least}{UNBREAKABLE}{scale.unit}".rstrip()
+    least = f"{scale.text(check.least_detectable_effect)}{UNBREAKABLE}{scale.unit}".rstrip()
+    is_from_zero = check.expected in ("higher", "lower")
+    return f"detectable from {least}{'' if is_from_zero else ' off the margin'}"
 
 
 def pairs_text(check: Judgement) -> str:
@@ -103,17 +105,25 @@ def pairs_text(check: Judgement) -> str:
     return f"{check.n} of {check.units}".replace(" ", UNBREAKABLE)
 
 
-def decisive(checks: Sequence[Judgement]) -> Judgement | None:
+def decisive(judged: Judged) -> Judgement | None:
     """The check that a verdict hangs on.
 
-    It is the clearest "no"; else the open check with the greatest effect; else, where all are
-    "yes", the narrowest of them. Effects are counted in margins, so that metrics compare.
+    Of an undecided claim it is an open check, one that waits for seeds before all others, else
+    that with the greatest effect; of others the clearest "no", or, where all are "yes", the
+    narrowest of them. Effects are counted in margins, so that metrics compare.
     """
-    for finding, sign in (("no", 1.0), ("undecided", 1.0), ("yes", -1.0)):
-        found = [check for check in checks if check.finding == finding]
-        if found:
-            return max(found, key=lambda check: sign * abs(check.difference or 0.0) / check.margin)
-    return None
+
+    def effect(check: Judgement) -> float:
+        return abs(check.difference or 0.0) / check.margin
+
+    def of(finding: Finding) -> list[Judgement]:
+        return [check for check in judged.checks if check.finding == finding]
+
+    if judged.verdict != "undecided" and (against := of("no")):
+        return max(against, key=effect)
+    if is_open := of("undecided"):
+        return max(is_open, key=lambda check: (check.n < check.units, effect(check)))
+    return min(of("yes"), key=effect, default=None)
 
 
 def counted(checks: Sequence[Judgement]) -> str:

@@ -1,6 +1,6 @@
 """The first part of the report: what it is, and how far it is."""
 
-from orchid_uav.experiments.markup import Markup, element, joined, table
+from orchid_uav.experiments.markup import Markup, element, table
 from orchid_uav.experiments.reproduction.report.effects import code
 from orchid_uav.experiments.reproduction.result import Reproduction
 from orchid_uav.experiments.reproduction.trainings import TRAININGS
@@ -39,13 +39,12 @@ def purpose() -> list[Markup]:
 
 def progress(document: Reproduction) -> list[Markup]:
     """How far it is: seeds that are there, rows that are missing."""
-    wanted = len(document.seeds)
-    present = {key: len(document.rows[key]) for key in TRAININGS if key in document.rows}
-    asked = [key for key in TRAININGS if key in present or _may_be_missing(key, document)]
-    complete = sum(count >= wanted for count in present.values())
+    trainings = [key for key in TRAININGS if key in document.asked]
+    waiting = {key: document.waiting[key] for key in trainings if key in document.waiting}
     seeds = f"{document.seeds[0]} to {document.seeds[-1]}" if document.seeds else "none"
     text = (
-        f"{complete} of {len(asked)} trainings have all of their {wanted} seeds ({seeds}); "
+        f"{len(trainings) - len(waiting)} of {len(trainings)} trainings have all of their "
+        f"{len(document.seeds)} seeds ({seeds}); "
         f"each policy was flown over {document.topologies} topologies in every setting."
     )
     missing = (
@@ -68,25 +67,12 @@ def progress(document: Reproduction) -> list[Markup]:
         )
     if document.status != "completed":
         parts.insert(0, element("p", f"Status: {document.status}.", class_="banner"))
-    fewer = {key: count for key, count in present.items() if count < wanted}
-    absent = [key for key in asked if key not in present]
-    if fewer or absent:
-        parts.append(_missing(fewer, absent, wanted))
+    if waiting:
+        rows = [
+            [code(key), f"{document.asked[key] - count} of {document.asked[key]}"]
+            for key, count in waiting.items()
+        ]
+        summary = element("summary", "Which trainings are missing")
+        seeds_of = table("Trainings with fewer seeds", ["Training", "Seeds"], rows)
+        parts.append(element("details", summary, seeds_of))
     return parts
-
-
-def _may_be_missing(key: str, document: Reproduction) -> bool:
-    """Whether rows of this training can be among those that are missing."""
-    return document.missing > 0 and (TRAININGS[key].in_quick or not document.is_quick)
-
-
-def _missing(fewer: dict[str, int], absent: list[str], wanted: int) -> Markup:
-    rows = [[code(key), f"{count} of {wanted}"] for key, count in fewer.items()]
-    parts = [element("summary", "Which trainings are missing")]
-    if rows:
-        parts.append(table("Trainings with fewer seeds", ["Training", "Seeds"], rows))
-    if absent:
-        parts.append(
-            element("p", "Without any: ", joined([code(key) for key in absent], ", "), ".")
-        )
-    return element("details", *parts)

@@ -1,6 +1,5 @@
 """The parts of the report about claims and questions."""
 
-import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import get_args
@@ -47,8 +46,8 @@ def at_a_glance(claims: Sequence[JudgedClaim], is_quick: bool) -> list[Markup]:
         element("dl", *tiles, class_="tiles"),
         element(
             "p",
-            f"The paper makes {len(claims)} claims. They were written down with the rules that "
-            "decide them before anything was trained, but for changes that are on record. "
+            f"{len(claims)} claims of the paper's are judged here. They were written down with the "
+            "rules that decide them before anything was trained, but for changes on record. "
             '"Undecided" means that the runs cannot tell; "partly" that some of a claim\'s '
             "comparisons agree with it and some do not.",
         ),
@@ -69,7 +68,7 @@ def _line(claim: JudgedClaim, figures: Figures) -> list[Markup]:
     if claim.uniform is not None:
         evenly = element("small", "spread evenly: ", badge(claim.uniform.verdict))
         verdict.append(evenly)
-    check = decisive(claim.tcp.checks)
+    check = decisive(claim.tcp)
     says = [element("span", claim.says), element("small", claim.where)]
     shown = _link(claim.figure, figures)
     cells: list[tuple[str, list[str]]] = [("Claim", [*says]), ("Verdict", [*verdict])]
@@ -129,7 +128,7 @@ def _details(claim: JudgedClaim, figures: Figures) -> Markup:
     ]
     if links:
         parts.append(element("p", "Figures: ", separated(links)))
-    methods = _trained_methods([*claim.tcp.checks])
+    methods = _trained_methods(claim.tcp.checks)
     if methods:
         commands = [element("a", method, href=f"#train-{method}") for method in methods]
         parts.append(element("p", "Trained with the commands of: ", separated(commands)))
@@ -175,7 +174,6 @@ def _check(check: Judgement, told: bool) -> list[str]:
 
 
 def _trained_methods(checks: Sequence[Judgement]) -> list[str]:
-    """The methods that have to be trained for these comparisons, by the words that name them."""
-    words = [word for check in checks for word in re.findall(r"[\w.-]+", check.what)]
-    keys = dict.fromkeys(word.removesuffix("-zero") for word in words)
+    """The methods that have to be trained for these comparisons."""
+    keys = dict.fromkeys(method for check in checks for method in check.methods)
     return [key for key in keys if key in TRAININGS]

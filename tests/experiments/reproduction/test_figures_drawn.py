@@ -48,6 +48,12 @@ class TestWords:
     def test_make_no_difference_that_cannot_be_seen(self):
         assert extremes_text("coverage", {"a": 1.0, "b": 0.99999}) == "all 1.000"
 
+    def test_name_all_that_are_shown_alike(self):
+        values = {"a": 1.0, "b": 0.9, "c": 0.99999, "d": 0.90001, "e": 0.95}
+        assert extremes_text("coverage", values) == "highest a and c 1.000, lowest b and d 0.900"
+        many = dict.fromkeys("abcd", 1.0) | {"e": 0.9}
+        assert extremes_text("coverage", many) == "highest 4 methods 1.000, lowest e 0.900"
+
     def test_leave_out_what_is_not_known(self):
         told = extremes_text("rate_jfi", {"a": np.nan, "b": 0.5})
         assert told == "b 0.500"
@@ -98,7 +104,7 @@ class TestLearningCurves:
             )
             for method in ("orchid", "static-pf")
         }
-        assert f"highest static-pf {ends['static-pf']:.1f}" in figure.alternative
+        assert f"of proportional ones static-pf {ends['static-pf']:.1f}" in figure.alternative
         assert f"ends at {ends['orchid']:.1f}" in figure.alternative
 
     def test_are_left_out_without_a_training(self, rows, tmp_path):

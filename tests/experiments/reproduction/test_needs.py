@@ -1,13 +1,11 @@
 """Which methods figures and claims need."""
 
-from collections import defaultdict
-
 import pytest
 
 from orchid_uav.experiments.errors import InputError
 from orchid_uav.experiments.reproduction.claims import CLAIMS, QUESTIONS
-from orchid_uav.experiments.reproduction.figures import strategy
-from orchid_uav.experiments.reproduction.figures.all_figures import TRAINED, figure_of
+from orchid_uav.experiments.reproduction.evidence import Evidence
+from orchid_uav.experiments.reproduction.figures.all_figures import drawn_methods
 from orchid_uav.experiments.reproduction.job import HOVERING, RULES
 from orchid_uav.experiments.reproduction.needs import (
     FIGURES,
@@ -17,6 +15,7 @@ from orchid_uav.experiments.reproduction.needs import (
 )
 from orchid_uav.experiments.reproduction.trainings import TRAININGS
 
+SCALING = ("fig4", "fig5", "fig6")
 EVERYTHING = {*TRAININGS, *RULES, *HOVERING}
 
 
@@ -44,17 +43,32 @@ def test_a_claim_needs_what_it_compares(key, needed):
     assert needed_for([key]) == needed
 
 
+@pytest.mark.parametrize("claim", [*CLAIMS, *QUESTIONS], ids=lambda claim: claim.key)
+def test_a_comparison_names_the_methods_that_it_reads(claim):
+    class Asked(Evidence):
+        def _row(self, method, seed):
+            if method in EVERYTHING:  # twins are asked for as if they were rules, first
+                asked.add(method)
+
+    for distribution in ("tcp", "uniform"):
+        for check in claim.checks(distribution):
+            asked: set[str] = set()
+            for side in (check.one, check.other):
+                side(Asked([]))
+            assert {*check.methods} == asked, check.what
+
+
 def test_needs_add_up():
     assert needed_for(["c24", "c7"]) == {"static-pf", "maddpg-mmf", "maddpg-pf"}
 
 
-def test_a_figure_needs_what_it_draws():
-    drawn = defaultdict(set)
-    for one in TRAINED:
-        drawn[figure_of(one.key)] |= {*one.methods}
-    drawn["fig8"] = {*strategy.NAMES}
-    for figure, methods in drawn.items():
-        assert {*FIGURES[figure]} == methods
+@pytest.mark.parametrize("figure", FIGURES)
+def test_a_figure_needs_what_it_draws(figure):
+    further = {"orchid-tuned", "orchid-uniform", "orchid-no-rf-uniform", "orchid-informed"}
+    further |= {"maddpg-pf-paper", "maddpg-mmf-paper"}
+    drawn = {*drawn_methods(figure)}
+    assert FIGURES[figure] <= drawn
+    assert drawn - FIGURES[figure] == (further - FIGURES[figure] if figure in SCALING else set())
 
 
 @pytest.mark.parametrize("key", [*FIGURES, *(claim.key for claim in (*CLAIMS, *QUESTIONS))])

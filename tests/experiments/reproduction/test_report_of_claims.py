@@ -14,9 +14,17 @@ from orchid_uav.experiments.reproduction.claims import CLAIMS, QUESTIONS
 from orchid_uav.experiments.reproduction.report.effects import decisive, scale_of
 from orchid_uav.experiments.reproduction.report.methods import OWN, PAPERS
 from orchid_uav.experiments.reproduction.report.page import report_html
+from orchid_uav.experiments.reproduction.result import Judged
 from orchid_uav.experiments.reproduction.trainings import SEEDS, TRAININGS
+from orchid_uav.experiments.reproduction.verdicts import verdict_of
 from tests.helpers.pages import HOSTILE, Page
-from tests.helpers.reports import make_document, make_figures, make_judgement, make_method
+from tests.helpers.reports import (
+    make_claims,
+    make_document,
+    make_figures,
+    make_judgement,
+    make_method,
+)
 from tests.helpers.reproductions import make_reproduction, make_rows, mean_of
 
 VERDICT_WORDS = ("holds", "partly", "does not hold", "undecided", "not testable in this model")
@@ -147,7 +155,7 @@ class TestVerdicts:
             assert own.tcp.verdict in row[2]
             assert (own.uniform is not None) == ("spread evenly: " in row[2])
             if own.tcp.checks:
-                shown = decisive(own.tcp.checks)
+                shown = decisive(own.tcp)
                 assert shown.what in row[3]
                 scale = scale_of(shown)
                 half = 0.5 * 10.0**-scale.digits + 1e-12
@@ -210,23 +218,42 @@ def expected_scale(check):
 SOME = [check for claim in CLAIMS[:4] for check in claim.checks("tcp")]
 
 
+def decisive_of(*found):
+    return decisive(Judged(verdict=verdict_of([one.finding for one in found]), checks=[*found]))
+
+
 class TestTheDecisiveComparison:
     def test_is_the_clearest_no(self):
         found = [make_judgement(check, "no") for check in SOME[:3]]
         found[1] = found[1].model_copy(update={"difference": -9.0 * found[1].margin})
-        assert decisive([make_judgement(SOME[4], "yes"), *found]) is found[1]
+        assert decisive_of(make_judgement(SOME[4], "yes"), *found) is found[1]
 
     def test_is_what_is_open_before_what_is_shown(self):
         found = make_judgement(SOME[1], "undecided")
-        assert decisive([make_judgement(SOME[0], "yes"), found]) is found
+        assert decisive_of(make_judgement(SOME[0], "yes"), found) is found
+
+    def test_is_what_is_open_where_nothing_else_keeps_a_claim_from_failing(self):
+        found = [make_judgement(check, "undecided") for check in SOME[:2]]
+        found[1] = found[1].model_copy(update={"difference": 0.9 * found[1].margin})
+        assert decisive_of(make_judgement(SOME[2], "no"), *found) is found[1]
+
+    def test_is_what_waits_for_seeds_before_what_is_open(self):
+        open_one, waiting = (make_judgement(check, "undecided") for check in SOME[:2])
+        waiting = waiting.model_copy(update={"n": 0, "difference": None, "ci95": None})
+        assert decisive_of(open_one, waiting) is waiting
 
     def test_is_the_narrowest_where_all_are_shown(self):
         found = [make_judgement(check, "yes") for check in SOME[:3]]
         found[2] = found[2].model_copy(update={"difference": 1.1 * found[2].margin})
-        assert decisive(found) is found[2]
+        assert decisive_of(*found) is found[2]
 
     def test_is_none_where_none_is_possible(self):
-        assert decisive([]) is None
+        assert decisive_of() is None
+
+    def test_bears_the_verdict_out(self):
+        findings = {"holds": "yes", "partly": "no", "does not hold": "no", "undecided": "undecided"}
+        for judged in (claim.tcp for claim in make_claims(CLAIMS, False) if claim.tcp.checks):
+            assert decisive(judged).finding == findings[judged.verdict]
 
 
 class TestFigures:
@@ -309,13 +336,18 @@ class TestAQuickRun:
         assert "Nothing is missing." in page
 
 
-def test_what_is_missing_is_named(document, figures):
-    rows = {key: seeds for key, seeds in document.rows.items() if key != "orchid-pf"}
-    rows["orchid"] = rows["orchid"][:7]
-    page = report_html(make_document(rows=rows, missing=13), figures)
-    assert table_of(page, "Trainings with fewer seeds") == [["orchid", "7 of 10"]]
-    assert "Without any: orchid-pf." in Page(page).text
-    assert "28 of 30 trainings have all of their 10 seeds (10 to 19)" in Page(page).text
+def test_what_is_missing_is_named():
+    rows = [
+        *make_rows(["maddpg-pf", "maddpg-mmf"], rules=()),
+        *make_rows(["orchid"], SEEDS[:7], rules=["track"]),
+    ]
+    missing = [*(("orchid", seed) for seed in SEEDS[7:]), ("best-response", None)]
+    missing += [("orchid-pf", seed) for seed in SEEDS]
+    page = report_html(make_reproduction(rows, missing), [])
+    told = [["orchid", "7 of 10"], ["orchid-pf", "0 of 10"]]
+    assert table_of(page, "Trainings with fewer seeds") == told
+    assert "2 of 4 trainings have all of their 10 seeds (10 to 19)" in Page(page).text
+    assert "14 results are still missing" in Page(page).text
 
 
 def test_methods_without_numbers_have_a_page(figures):
@@ -344,7 +376,7 @@ def test_texts_from_rows_do_no_harm(figures, page):
 
 def test_few_rows_of_a_quick_run_become_a_page(figures):
     rows = list(make_rows(["orchid", "maddpg-mmf"], (10, 11), ["static-pf"], is_quick=True))
-    document = make_reproduction(rows, missing=9, is_quick=True)
+    document = make_reproduction(rows, [("orchid-pf", 10)], is_quick=True)
     page = report_html(document, figures)
     for key, pairs in (("C2", "2 of 10"), ("C10", "0 of 10")):
         told = table_of(page, f"Comparisons of {key}, users in hotspots")
