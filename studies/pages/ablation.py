@@ -14,22 +14,13 @@ from orchid_uav.experiments.metrics import METRICS
 from orchid_uav.experiments.runs.directory import FINAL_EPISODES
 from orchid_uav.experiments.statistics.comparison import ALPHA, SeedSummary
 from orchid_uav.experiments.statistics.results import EvaluationResult
+from studies.pages.guards import must_hold
 from studies.pages.markdown import FIGURES, ROOT, recorded, table
 from studies.recording import read_ablation
 
 NAME, CONTROLS, MINIBATCH = "ablation_no_rf", "ablation_controls", "ablation_minibatch"
 CURVES = FIGURES / f"{NAME}.png"
 _HEADS = ("metric", "difference [95 %]", "relative", "P(better)", "p (Holm)", "verdict")
-
-
-def must_hold(holds: bool, words: str) -> None:
-    """Check that words written for earlier results are still true of the committed ones.
-
-    Raises:
-        ValueError: the words do not follow from the results that are committed now.
-    """
-    if not holds:
-        raise ValueError(f"'{words}' no longer follows from the committed results")
 
 
 def doing_nothing(document: AblationResult, deterministic: bool = True) -> float:

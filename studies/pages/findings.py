@@ -1,24 +1,31 @@
-"""What the results say in five points, and the examples, as blocks of pages."""
+"""What the results say in six points, and the examples, as blocks of pages."""
 
 import textwrap
 from collections.abc import Mapping, Sequence
 from functools import partial
 
-from orchid_uav.experiments.ablation.design import BASE
-from orchid_uav.experiments.evaluation.methods import RELEASED
+import numpy as np
+from numpy.typing import NDArray
+
+from orchid_uav.envs.parameters import DeploymentParameters
 from orchid_uav.experiments.metrics import HEADROOM
+from orchid_uav.experiments.reproduction import settings
+from orchid_uav.experiments.reproduction.checks import MADDPG, MARGINS, UTILITY
+from orchid_uav.experiments.reproduction.evidence import Evidence
+from orchid_uav.experiments.reproduction.report.effects import interval_text, mean_text
+from orchid_uav.experiments.reproduction.settings import Case
 from orchid_uav.experiments.statistics.results import EvaluationResult
-from studies.pages.ablation import CONTROLS, NAME, above_doing_nothing, must_hold
 from studies.pages.flying import BOUND, LEARNED, RULE, TWIN, case_of, cases
+from studies.pages.guards import must_hold
 from studies.pages.markdown import ROOT
-from studies.recording import read, read_ablation, read_evaluation
+from studies.pages.results import question_of, rows_read
+from studies.recording import read, read_evaluation
 
 WIDTH = 104
 _LANGUAGES = {".toml": "toml", ".py": "python"}
 
 
-SEARCHED = ("orchid-tuned", "maddpg-pf", "maddpg-mmf")
-ON_STATIONS = ("orchid-informed", "orchid-distilled")
+SEARCHED = MADDPG
 
 
 def findings_block() -> str:
@@ -26,16 +33,12 @@ def findings_block() -> str:
     results = read_evaluation("methods").results
     flown = {(result.method, result.deterministic): result for result in results}
     points = (
-        _learning(flown),
+        _learning(),
         _noise(flown),
         _rules(flown),
         _flying(),
         _reset(),
-        "**A faulty learner is hardly the cause.** On a public task (`simple_spread` of the "
-        "collection MPE2) this project's MAPPO collects as much reward as that of BenchMARL, a "
-        "public library, within a margin that was set before. No lower reward is shown for its "
-        "MADDPG. Given the same data, both compute the same numbers as BenchMARL's. "
-        "[Beside public implementations](docs/validation.md)",
+        _validation(),
     )
     lines = [
         textwrap.fill(f"{number}. {point}", WIDTH, subsequent_indent="   ", break_on_hyphens=False)
@@ -44,40 +47,38 @@ def findings_block() -> str:
     return "\n".join(lines)
 
 
-def _learning(flown: Mapping[tuple[str, bool], EvaluationResult]) -> str:
-    names = ("orchid", "orchid-zero")
-    own, twin = (flown[name, True].metrics["utility"].mean for name in names)
-    gains = {
-        key: flown[key, True].metrics["utility"].mean
-        - flown[f"{key}-zero", True].metrics["utility"].mean
-        for key in RELEASED
-    }
-    of_paper = {key: gain for key, gain in gains.items() if key not in (*SEARCHED, *ON_STATIONS)}
-    searched = [gains[key] for key in SEARCHED]
-    above = [key for key, gain in of_paper.items() if gain > 0.0]
-    must_hold(above == ["orchid-random-init"], "one policy with the paper's numbers is better")
-    must_hold(max(searched) < 0.01, "the best recipes of the search hardly are")
-    base = read_ablation(NAME)
-    seeds = len(base.settings.seeds)
-    better = [f"{gain:.3f}" for gain in above_doing_nothing(base, BASE)]
-    resets = [f"{gain:.3f}" for gain in above_doing_nothing(read_ablation(CONTROLS), "reset-only")]
-    must_hold((len(better), len(resets)) == (1, 2), "one seed and two of the control are better")
+def _learning() -> str:
+    question = question_of("q1")
+    utility, *others = question.tcp.checks
+    assert question.uniform is not None
+    evenly = question.uniform.checks
+    must_hold({one.finding for one in (utility, *others)} == {"no"}, "it is worse than its twin")
+    must_hold(all(one.is_within_margin for one in evenly), "evenly spread it is about as good")
+    evidence, base = Evidence(rows_read()), [settings.base("tcp")]
+    gains = {key: _gain(evidence, key, base) for key in ("orchid", *SEARCHED)}
+    searched = [float(gains[key].mean()) for key in SEARCHED]
+    must_hold(max(map(abs, searched)) < MARGINS[UTILITY], "the search ends near doing nothing")
+    seeds, above = utility.n, int((gains["orchid"] > 0.0).sum())
+    must_hold(above == 0, "no seed is above its twin")
     return (
-        "**Trained as the paper says, policies are no better than doing nothing.** *Utility*, the "
+        "**Trained as the paper says, policies are worse than doing nothing.** *Utility*, the "
         "paper's objective, is a weighted sum of coverage (the share of the drones' people who are "
-        "served), energy efficiency and two indices of fairness. The policy of the paper's method, "
-        f"`orchid`, reaches {own:.3f}; its *zero-action twin*, which starts at the same places and "
-        f"stays there, {twin:.3f}. Of the {_word(len(of_paper))} policies with the paper's "
-        f"numbers one is above its twin, by {of_paper[above[0]]:.3f}, that which starts anywhere, "
-        "when they fly without the random noise that training adds to what they do. With the best "
-        "recipes of a search, which are the most cautious ones, "
-        f"policies end {min(searched):+.3f} to {max(searched):+.3f} from it. "
-        f"Of {_word(seeds)} trainings of `orchid` with different random numbers (*seeds*), and "
-        f"minibatches of rows, one policy is above its twin, by {better[0]}. "
-        f"Of {_word(seeds)} trainings that only reset the optimizer and keep its learning rates, "
-        f"two are, by {' and '.join(resets)}. "
-        "[Evaluation](docs/evaluation.md#all-methods), [ablation](docs/ablation.md#controls)"
+        "served), energy efficiency and two indices of fairness. Flown without the random noise of "
+        f"their training, policies of the paper's method, `orchid`, reach {utility.one:.3f} in the "
+        f"mean of {_word(seeds)} trainings with different random numbers (*seeds*); their "
+        "*zero-action twin*, which starts at the same places and stays there, reaches "
+        f"{utility.other:.3f}. None of the {_word(seeds)} is above it. Where people are spread "
+        f"evenly it makes hardly a difference ({evenly[0].difference:+.3f}). With the best recipes "
+        "of a search, which are the most cautious ones, policies of MADDPG, the method that the "
+        f"paper compares with, end within {max(map(abs, searched)):.3f} of their twins. "
+        "[Results](docs/results.md#what-training-is-worth)"
     )
+
+
+def _gain(evidence: Evidence, method: str, cases: Sequence[Case]) -> NDArray[np.float64]:
+    """Utility beyond that of the zero-action twin, (seeds,)."""
+    own, twin = (evidence.flown(key, UTILITY, cases) for key in (method, f"{method}-zero"))
+    return own - twin
 
 
 def _noise(flown: Mapping[tuple[str, bool], EvaluationResult]) -> str:
@@ -104,6 +105,8 @@ def _rules(flown: Mapping[tuple[str, bool], EvaluationResult]) -> str:
     static, loiter, balanced, planner = (
         flown[name, True].metrics["utility"].mean for name in names
     )
+    must_hold(static < loiter < balanced < planner, "each rule is better than the one before")
+    groupings = 1 + DeploymentParameters().balanced_restarts
     share = flown["balanced-loiter", True].metrics[HEADROOM].mean
     mobility = read_evaluation("mobility").results
     speeds = {result.speed_mps for result in mobility}
@@ -114,11 +117,11 @@ def _rules(flown: Mapping[tuple[str, bool], EvaluationResult]) -> str:
     must_hold(leads[0] > leads[1] > 0.0, "the lead is smaller where people walk")
     return (
         "**Simple rules do better.** Circling the start instead of hovering there lifts the "
-        f"utility from {static:.3f} to {loiter:.3f}. Circling the best of 31 ways to group the "
-        f"people reaches {balanced:.3f}. That is {share:.0%} of the *headroom*, the distance from "
-        f"circling the start to a planner that knows every radio link ({planner:.3f}). Where "
-        "people walk, this rule's lead over `orchid` is smaller. [Methods](docs/methods.md#rules), "
-        "[moving users](docs/evaluation.md#moving-users)"
+        f"utility from {static:.3f} to {loiter:.3f}. Circling the best of {groupings} ways to "
+        f"group the people reaches {balanced:.3f}. That is {share:.0%} of the *headroom*, the "
+        "distance from circling the start to a planner that knows every radio link "
+        f"({planner:.3f}). Where people walk, this rule's lead over `orchid` is smaller. "
+        "[Methods](docs/methods.md#rules), [moving users](docs/evaluation.md#moving-users)"
     )
 
 
@@ -162,17 +165,38 @@ def _mobile(results: Sequence[EvaluationResult], method: str, speed_mps: float) 
 
 
 def _reset() -> str:
-    document = read_ablation(NAME)
-    losses = [
-        -document.comparisons["training"]["no-rf"][metric].relative
-        for metric in ("reward", "rate_jfi", "load_jfi")
-    ]
+    utility, *_ = question_of("q2").tcp.checks
+    controls = question_of("q3").tcp.checks
+    must_hold(utility.finding == "undecided", "an effect on the utility is not shown")
+    must_hold(
+        [one.is_within_margin for one in controls] == [False, False, True, True],
+        "a random time and a linear decay are as good",
+    )
     return (
-        "**Reset-and-Finetune helps a little in training, and no effect is shown on unseen "
-        f"topologies.** Over {_word(len(document.settings.seeds))} seeds, training without "
-        f"it ends with {min(losses):.1%} to {max(losses):.1%} less reward and fairness. The "
-        "controls point to the lower learning rates, not to the reset. "
-        "[Ablation](docs/ablation.md)"
+        "**That Reset-and-Finetune makes the paper's policy better is not shown.** With it, less "
+        f"without it, the utility is {mean_text(utility)} {interval_text(utility)} over "
+        f"{_word(utility.n)} seeds. The same reset at a random episode does as well, and so do "
+        "learning rates that fall linearly, without any reset. "
+        "[Results](docs/results.md#what-training-is-worth), [ablation](docs/ablation.md)"
+    )
+
+
+def _validation() -> str:
+    verdicts = {
+        (pair["compared"], pair["reference"]): pair["verdict"]
+        for pair in read("validation")["comparison"]["pairs"]
+    }
+    must_hold(verdicts["orchid mappo", "benchmarl mappo"] == "equivalent", "MAPPO is equivalent")
+    must_hold(
+        verdicts["orchid maddpg", "benchmarl maddpg"] not in ("lower", "worse"),
+        "no lower reward is shown for MADDPG",
+    )
+    return (
+        "**A faulty learner is hardly the cause.** On a public task (`simple_spread` of the "
+        "collection MPE2) this project's MAPPO collects as much reward as that of BenchMARL, a "
+        "public library, within a margin that was set before. No lower reward is shown for its "
+        "MADDPG. Given the same data, both compute the same numbers as BenchMARL's. "
+        "[Beside public implementations](docs/validation.md)"
     )
 
 

@@ -37,6 +37,18 @@ def result() -> Reproduction:
     return Campaign(nowhere, ROWS).gathered(command, "completed", rows_read())
 
 
+def question_of(key: str) -> JudgedClaim:
+    """A question with all of its seeds.
+
+    Raises:
+        LookupError: there is no such question, or it waits for seeds.
+    """
+    for question in result().questions:
+        if question.key == key and is_measured(question):
+            return question
+    raise LookupError(f"{key} has not been answered")
+
+
 def progress_block() -> str:
     """How many seeds of each method have their row."""
     found = result()
