@@ -327,6 +327,27 @@ MUTANTS = [
         "experiments/jobs/test_ray_cluster.py",
     ),
     Mutant(
+        "a claim that asks for the other side",
+        "experiments/reproduction/checks.py",
+        'yield _strategy(SNR, LONG_PF, "higher", LONG_MMF)',
+        'yield _strategy(SNR, LONG_MMF, "higher", LONG_PF)',
+        "experiments/reproduction/test_claims.py",
+    ),
+    Mutant(
+        "few and many users exchanged",
+        "experiments/reproduction/checks.py",
+        "few, *_, many = settings.users(distribution)",
+        "many, *_, few = settings.users(distribution)",
+        "experiments/reproduction/test_claims.py",
+    ),
+    Mutant(
+        "updates before and after a reset exchanged",
+        "experiments/reproduction/evidence.py",
+        "np.log10(np.mean(after) / np.mean(before))",
+        "np.log10(np.mean(before) / np.mean(after))",
+        "experiments/reproduction/test_evidence.py",
+    ),
+    Mutant(
         "a difference within its margin that refutes a claim",
         "experiments/reproduction/verdicts.py",
         "and p_value_above(differences * np.sign(mean), check.margin) <= ALPHA",

@@ -303,21 +303,25 @@ def replayed_trigger(logs: Sequence[Sequence[Row]]) -> list[TriggerReplay]:
     On a policy that does not learn every firing is a false alarm. One tolerance holds for both
     metrics.
     """
-    table = []
-    for window in WINDOWS:
-        for tolerance in TOLERANCES:
-            episodes = [first_firing(rows, window, tolerance) for rows in logs if rows]
-            fired = [episode for episode in episodes if episode is not None]
-            table.append(
-                TriggerReplay(
-                    window=window,
-                    tolerance=tolerance,
-                    runs=len(episodes),
-                    fired=len(fired),
-                    median_episode=median(fired) if fired else None,
-                )
-            )
-    return table
+    return [
+        counted_firings(
+            window, tolerance, [first_firing(rows, window, tolerance) for rows in logs if rows]
+        )
+        for window in WINDOWS
+        for tolerance in TOLERANCES
+    ]
+
+
+def counted_firings(window: int, tolerance: float, episodes: Sequence[int | None]) -> TriggerReplay:
+    """Count the runs in which the trigger would have fired, from its first episode in each."""
+    fired = [episode for episode in episodes if episode is not None]
+    return TriggerReplay(
+        window=window,
+        tolerance=tolerance,
+        runs=len(episodes),
+        fired=len(fired),
+        median_episode=median(fired) if fired else None,
+    )
 
 
 def first_firing(rows: Sequence[Row], window: int, tolerance: float) -> int | None:

@@ -1,5 +1,6 @@
 """A reproduction in its directory: which rows are missing, making them, and what they say."""
 
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +15,7 @@ from orchid_uav.experiments.reproduction.job import HOVERING, RULES, RowJob
 from orchid_uav.experiments.reproduction.needs import figures_for, needed_for
 from orchid_uav.experiments.reproduction.report.page import report_html
 from orchid_uav.experiments.reproduction.result import Reproduction, reproduction
-from orchid_uav.experiments.reproduction.rows import Row, read_rows
+from orchid_uav.experiments.reproduction.rows import Row, read_rows, row_path
 from orchid_uav.experiments.reproduction.trainings import QUICK_SEEDS, SEEDS, TRAININGS
 from orchid_uav.experiments.statistics.results import ResultHeader
 from orchid_uav.notices import reason_of
@@ -86,7 +87,7 @@ class Campaign:
         Raises:
             InputError: it cannot be written, or a file among the rows is none.
         """
-        rows = list(read_rows(self.rows))
+        rows = self._rows_read()
         if any(row.is_quick != self.is_quick for row in rows):
             kind = "full" if self.is_quick else "quick"
             raise InputError(
@@ -135,7 +136,7 @@ class Campaign:
             InputError: a file among the rows is none.
             RunFailedError: the directory cannot be written.
         """
-        rows = list(read_rows(self.rows))
+        rows = self._rows_read()
         document = self.gathered(command, status, rows)
         try:
             drawn = draw_figures(rows, self.directory / FIGURES_FOLDER, figures_for(self.only))
@@ -145,6 +146,26 @@ class Campaign:
         except OSError as error:
             raise RunFailedError(f"cannot write to {self.directory}: {reason_of(error)}") from error
         return document
+
+    def _rows_read(self) -> list[Row]:
+        """All rows.
+
+        Raises:
+            InputError: a file among them is none, or of a training that was another one then.
+        """
+        rows = list(read_rows(self.rows))
+        for row in rows:
+            training = TRAININGS.get(row.method)
+            if training is None or row.seed is None:
+                continue
+            command = list(training.command(row.seed))
+            if row.command != command:
+                path = row_path(self.rows, row.method, row.seed)
+                raise InputError(
+                    f"{path} was made by '{shlex.join(row.command)}', and {row.method} is now "
+                    f"'{shlex.join(command)}': remove it, or name another folder"
+                )
+        return rows
 
     def gathered(self, command: Sequence[str], status: Status, rows: Sequence[Row]) -> Reproduction:
         """What the rows say."""

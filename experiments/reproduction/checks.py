@@ -43,6 +43,10 @@ SPREAD_MARGINS = {EFFICIENCY: 0.01, RATE: 0.01, LOAD: 0.01, REWARD: 1.0}
 """The same for spreads: of energy efficiency the coefficient of variation, of the others the
 standard deviation; in C15 the mean distance from the median."""
 
+BLOCK_MARGINS = SPREAD_MARGINS | {EFFICIENCY: 0.005e6}
+"""The same for spreads between the blocks of a training, in the metric's unit."""
+VARIANCE_RATIO_TITLE = "decimal logarithm of a ratio of variances"
+
 ORCHID, NO_RF = "orchid", "orchid-no-rf"
 PF_DDPG, MMF_DDPG = MADDPG = "maddpg-pf", "maddpg-mmf"
 MADDPG_OF_PAPER = f"{PF_DDPG}-paper", f"{MMF_DDPG}-paper"
@@ -169,13 +173,13 @@ def c2(distribution: Distribution) -> Iterator[Check]:
 def c3(_: Distribution) -> Iterator[Check]:
     """ORCHID beside MADDPG, with the tuned and with the paper's numbers."""
     for baseline in (MMF_DDPG, MADDPG_OF_PAPER[1]):
-        for metric, margin in ((REWARD, SPREAD_MARGINS[REWARD]), (EFFICIENCY, 0.005e6)):
+        for metric in (REWARD, EFFICIENCY):
             yield Check(
                 f"{ORCHID} varies less than {baseline} in episodes 1 to 200",
                 (ORCHID, baseline),
                 metric,
                 "lower",
-                margin,
+                BLOCK_MARGINS[metric],
                 partial(Evidence.unsteadiness, method=ORCHID, metric=metric),
                 partial(Evidence.unsteadiness, method=baseline, metric=metric),
             )
@@ -311,13 +315,13 @@ def c16(_: Distribution) -> Iterator[Check]:
     yield _trained(random, "higher", ORCHID, REWARD)
     yield _trained(random, "lower", ORCHID, EFFICIENCY)
     yield _trained(random, "lower", ORCHID, LOAD)
-    for metric, margin in ((EFFICIENCY, 0.005e6), (LOAD, SPREAD_MARGINS[LOAD])):
+    for metric in (EFFICIENCY, LOAD):
         yield Check(
             f"{random} spreads more than {ORCHID} over the last 200 training episodes",
             (random, ORCHID),
             metric,
             "higher",
-            margin,
+            BLOCK_MARGINS[metric],
             partial(Evidence.spread_at_the_end, method=random, metric=metric),
             partial(Evidence.spread_at_the_end, method=ORCHID, metric=metric),
         )

@@ -201,7 +201,7 @@ def row_of_hovering(key: str, rule: str, config: RunConfig) -> Row:
     """
     every, contender = evaluated_every(config), [rules()[rule]]
     return Row(
-        **_header(key, config.training.seed, ("orchid", "train")),
+        **_header(key, config.training.seed, ("orchid", "reproduce", "--only", "fig3")),
         episodes=config.training.episodes,
         curve=training_curve(hover(config)),
         evaluations={

@@ -1,6 +1,6 @@
 """``claims.json``: what all rows together say, as a typed document."""
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
 from statistics import median
 
@@ -8,7 +8,8 @@ import numpy as np
 from pydantic import Field
 
 from orchid_uav.envs.parameters import Distribution
-from orchid_uav.experiments.ablation.design import TOLERANCES, WINDOWS
+from orchid_uav.experiments.ablation.design import counted_firings
+from orchid_uav.experiments.ablation.result import TriggerReplay
 from orchid_uav.experiments.reproduction import settings
 from orchid_uav.experiments.reproduction.checks import MARGINS, UTILITY
 from orchid_uav.experiments.reproduction.claims import CLAIMS, QUESTIONS, Claim
@@ -96,16 +97,6 @@ class Sensitivity(Document):
     difference: Comparison
 
 
-class FalseAlarms(Document):
-    """In how many runs of a policy that learns nothing the trigger fires."""
-
-    window: int
-    tolerance: float
-    runs: int
-    fired: int
-    median_episode: float | None
-
-
 class Reproduction(ResultHeader):
     """The content of ``claims.json``."""
 
@@ -129,7 +120,8 @@ class Reproduction(ResultHeader):
     questions: list[JudgedClaim]
     methods: list[FlownMethod]
     sensitivities: list[Sensitivity]
-    false_alarms: list[FalseAlarms]
+    false_alarms: list[TriggerReplay]
+    """The trigger of Reset-and-Finetune on policies that learn nothing."""
 
 
 def judged(claim: Claim, evidence: Evidence, is_quick: bool) -> JudgedClaim:
@@ -233,28 +225,13 @@ def sensitivities(evidence: Evidence) -> list[Sensitivity]:
     ]
 
 
-def false_alarms(rows: Sequence[Row]) -> list[FalseAlarms]:
+def false_alarms(rows: Sequence[Row]) -> list[TriggerReplay]:
     """Firings on runs that learn nothing, by window and tolerance."""
-    table = []
-    for window in WINDOWS:
-        for tolerance in TOLERANCES:
-            episodes = [
-                firing.episode
-                for row in rows
-                for firing in row.firings
-                if (firing.window, firing.tolerance) == (window, tolerance)
-            ]
-            fired = [episode for episode in episodes if episode is not None]
-            table.append(
-                FalseAlarms(
-                    window=window,
-                    tolerance=tolerance,
-                    runs=len(episodes),
-                    fired=len(fired),
-                    median_episode=float(median(fired)) if fired else None,
-                )
-            )
-    return table if rows else []
+    episodes = defaultdict(list)
+    for row in rows:
+        for firing in row.firings:
+            episodes[firing.window, firing.tolerance].append(firing.episode)
+    return [counted_firings(*key, episodes[key]) for key in sorted(episodes)]
 
 
 def seeds_by_method(rows: Iterable[Row]) -> dict[str, list[int]]:

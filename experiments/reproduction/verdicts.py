@@ -19,7 +19,7 @@ from orchid_uav.experiments.statistics.comparison import (
 from orchid_uav.storage.documents import Document
 
 Floats = NDArray[np.float64]
-Expectation = Literal["higher", "lower", "equal", "not lower", "not higher"]
+Expectation = Literal["higher", "lower", "equal", "not lower"]
 """What a claim says of one side beside the other. *Not lower*: lower by no more than the margin."""
 Finding = Literal["yes", "no", "undecided"]
 Verdict = Literal["holds", "partly", "does not hold", "undecided", "not testable in this model"]
@@ -79,7 +79,7 @@ class Judgement(Document):
     least_detectable_effect: float | None
     """What as many pairs would decide with 80 % power: how far from 0 the difference would have to
     be (*higher*, *lower*: each of the claim's tests at its share of 5 %), or how far on either side
-    of the margin (*equal*, *not lower*, *not higher*)."""
+    of the margin (*equal*, *not lower*)."""
 
 
 def judge_checks(checks: Sequence[Check], evidence: Evidence) -> list[Judgement]:
@@ -147,8 +147,8 @@ def _finding(
 
     *Higher* and *lower*: no, where the difference is shown to lie within the margin, or on the
     other side of 0; yes, where it is shown to be on the right side. *Equal*: yes within the margin,
-    no where it is shown to be beyond it. *Not lower* and *not higher*: yes, where it is shown not
-    to go beyond the margin the wrong way; no, where it is shown to go beyond it.
+    no where it is shown to be beyond it. *Not lower*: yes, where it is shown to be lower by no more
+    than the margin; no, where it is shown to be lower by more.
     """
     mean, equivalence = comparison.difference.mean, comparison.equivalence
     if comparison.n < LEAST_SEEDS or mean is None or p_holm is None:
@@ -158,16 +158,15 @@ def _finding(
     if check.expected == "equal":
         is_beyond = is_shown and p_value_above(differences * np.sign(mean), check.margin) <= ALPHA
         return "yes" if is_equal else "no" if is_beyond else "undecided"
-    sign = 1.0 if check.expected in ("higher", "not lower") else -1.0
-    is_right = sign * mean > 0.0
-    if check.expected in ("higher", "lower"):
-        if is_shown and is_right and not is_equal:
+    if check.expected == "not lower":
+        if p_value_above(differences, -check.margin) <= ALPHA:
             return "yes"
-        return "no" if is_equal or is_shown else "undecided"
-    if p_value_above(sign * differences, -check.margin) <= ALPHA:
+        is_beyond = is_shown and p_value_above(-differences, check.margin) <= ALPHA
+        return "no" if is_beyond else "undecided"
+    is_right = mean > 0.0 if check.expected == "higher" else mean < 0.0
+    if is_shown and is_right and not is_equal:
         return "yes"
-    is_beyond = is_shown and p_value_above(-sign * differences, check.margin) <= ALPHA
-    return "no" if is_beyond else "undecided"
+    return "no" if is_equal or is_shown else "undecided"
 
 
 def verdict_of(findings: Sequence[Finding]) -> Verdict:

@@ -5,7 +5,13 @@ from collections.abc import Iterable
 
 from orchid_uav.experiments.metrics import METRICS
 from orchid_uav.experiments.reproduction import settings
-from orchid_uav.experiments.reproduction.checks import MARGINS, SPREAD_MARGINS
+from orchid_uav.experiments.reproduction.checks import (
+    BLOCK_MARGINS,
+    EFFICIENCY,
+    MARGINS,
+    SPREAD_MARGINS,
+    VARIANCE_RATIO_TITLE,
+)
 from orchid_uav.experiments.reproduction.claims import CLAIMS, QUESTIONS, Claim
 from orchid_uav.experiments.reproduction.trainings import SEEDS, TRAININGS
 from studies.pages.markdown import ROOT, table
@@ -39,14 +45,19 @@ def margins_block() -> str:
         spread = SPREAD_MARGINS.get(name)
         metric = METRICS.get(name)
         if metric is None:
-            rows.append(["decimal logarithm of a ratio of variances", f"{margin:g}", "–"])
+            rows.append([VARIANCE_RATIO_TITLE, f"{margin:g}", "–"])
             continue
         told = "–"
         if spread is not None:
-            is_relative = name == "energy_efficiency_bit_per_joule"
+            is_relative = name == EFFICIENCY
             told = f"{spread:g}" if is_relative else f"{spread * metric.scale:g}"
         rows.append([metric.heading, f"{margin * metric.scale:g}", told])
-    return table(["metric", "margin", "margin of its spread"], rows)
+    blocks = BLOCK_MARGINS[EFFICIENCY] * METRICS[EFFICIENCY].scale
+    return (
+        f"{table(['metric', 'margin', 'margin of its spread'], rows)}\n\n"
+        f"Of the spread of energy efficiency between episodes of one training (C3, C16) it is "
+        f"{blocks:g} Mbit/J."
+    )
 
 
 def _claims(claims: Iterable[Claim]) -> str:

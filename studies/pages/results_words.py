@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from orchid_uav.experiments.ablation.result import TriggerReplay
 from orchid_uav.experiments.configuration import RunConfig
 from orchid_uav.experiments.reproduction import settings
 from orchid_uav.experiments.reproduction.checks import (
@@ -25,7 +26,7 @@ from orchid_uav.experiments.reproduction.checks import (
 from orchid_uav.experiments.reproduction.evidence import Evidence
 from orchid_uav.experiments.reproduction.needs import needed_for
 from orchid_uav.experiments.reproduction.report.effects import interval_text, mean_text
-from orchid_uav.experiments.reproduction.result import FalseAlarms, JudgedClaim
+from orchid_uav.experiments.reproduction.result import JudgedClaim
 from orchid_uav.experiments.reproduction.verdicts import Judgement, judge_checks
 from studies.movements import FOLDER
 from studies.pages.markdown import recorded, table
@@ -170,7 +171,7 @@ def trigger_block() -> str:
     return f"{told}\n\n{table(heads, rows)}"
 
 
-def _fired(one: FalseAlarms) -> str:
+def _fired(one: TriggerReplay) -> str:
     at = f", at {one.median_episode:g}" if one.median_episode is not None else ""
     return f"{one.fired} of {one.runs}{at}"
 

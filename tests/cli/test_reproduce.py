@@ -69,6 +69,12 @@ def test_refuses_what_does_not_fit_and_leaves_nothing(reproduce, tmp_path, words
     assert not (tmp_path / "made").exists()
 
 
+def test_a_row_of_another_training_is_told(reproduce, rows):
+    [row] = make_rows(["orchid"], [12], (), command=["orchid", "train", "--no-rf", "--seed", "12"])
+    write_row(rows, row)
+    assert_is_an_error(reproduce("--only=c29"), "seed-12.json", "train --no-rf --seed 12")
+
+
 def test_a_damaged_row_is_told(reproduce, rows):
     path = rows / "orchid" / "seed-12.json"
     path.write_text("{}")

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from orchid_uav.envs.parameters import Distribution
+from orchid_uav.experiments.ablation.result import TriggerReplay
 from orchid_uav.experiments.evaluation.method_keys import RULE_IDEAS
 from orchid_uav.experiments.reproduction.checks import MARGINS, UTILITY
 from orchid_uav.experiments.reproduction.claims import CLAIMS, QUESTIONS, Claim
@@ -14,7 +15,6 @@ from orchid_uav.experiments.reproduction.result import (
     SCHEMA,
     SENSITIVITIES,
     TABLED,
-    FalseAlarms,
     FlownMethod,
     Judged,
     JudgedClaim,
@@ -168,7 +168,9 @@ def make_document(is_quick: bool = False, **fields: Any) -> Reproduction:
         "methods": [make_method(key) for key in (*TRAININGS, *RULES)],
         "sensitivities": [make_sensitivity(key) for key in SENSITIVITIES],
         "false_alarms": [
-            FalseAlarms(window=window, tolerance=0.05, runs=10, fired=fired, median_episode=episode)
+            TriggerReplay(
+                window=window, tolerance=0.05, runs=10, fired=fired, median_episode=episode
+            )
             for window, fired, episode in ((10, 7, 123.0), (25, 0, None))
         ],
     }

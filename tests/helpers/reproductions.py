@@ -110,16 +110,7 @@ def make_row(method: str, seed: int | None, is_quick: bool = False, **changes: o
     is_trained = method in TRAININGS
     flown = TRAININGS[method].flown if is_trained else "everything"
     cases = QUICK_CASES if is_quick else flown_by(flown)
-    flights = []
-    if seed is None:
-        flights = [make_flight(method, case, None, keeps=True) for case in cases]
-    elif is_trained:
-        flights = [
-            make_flight(method, case, seed, keeps=number == 0) for number, case in enumerate(cases)
-        ]
-        flights.append(make_flight(method, cases[0], seed, deterministic=False, keeps=True))
-        zeros = cases if seed == SEEDS[0] else cases[:1]
-        flights += [make_flight(f"{method}-zero", case, seed) for case in zeros]
+    flights = [] if "flights" in changes else list(_flights(method, seed, cases))
     beside = HOVERING[method].beside if method in HOVERING else "orchid"
     trained = method if is_trained else beside
     episodes = 150 if is_quick else _episodes(trained)
@@ -140,6 +131,17 @@ def make_row(method: str, seed: int | None, is_quick: bool = False, **changes: o
     if is_trained:
         values |= _learned(method, int(seed or 0), episodes)
     return Row.model_validate(values | changes)
+
+
+def _flights(method: str, seed: int | None, cases: Sequence[Case]) -> Iterator[FlownCase]:
+    if seed is None:
+        yield from (make_flight(method, case, None, keeps=True) for case in cases)
+    elif method in TRAININGS:
+        for number, case in enumerate(cases):
+            yield make_flight(method, case, seed, keeps=number == 0)
+        yield make_flight(method, cases[0], seed, deterministic=False, keeps=True)
+        for case in cases if seed == SEEDS[0] else cases[:1]:
+            yield make_flight(f"{method}-zero", case, seed)
 
 
 @functools.cache
@@ -172,13 +174,14 @@ def make_rows(
     seeds: Sequence[int] = SEEDS,
     rules: Iterable[str] = RULES,
     is_quick: bool = False,
+    **changes: object,
 ) -> Iterator[Row]:
     """Rows of trained methods and of rules."""
     for rule in rules:
-        yield make_row(rule, None, is_quick)
+        yield make_row(rule, None, is_quick, **changes)
     for method in (*(HOVERING if rules else ()), *methods):
         for seed in seeds:
-            yield make_row(method, seed, is_quick)
+            yield make_row(method, seed, is_quick, **changes)
 
 
 def make_reproduction(

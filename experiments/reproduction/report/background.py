@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from orchid_uav.experiments.markup import Markup, element, harmless, table
 from orchid_uav.experiments.metrics import METRICS
-from orchid_uav.experiments.reproduction.checks import MARGINS, VARIANCE_RATIO
+from orchid_uav.experiments.reproduction.checks import MARGINS, VARIANCE_RATIO, VARIANCE_RATIO_TITLE
 from orchid_uav.experiments.reproduction.report.effects import code
 from orchid_uav.experiments.reproduction.result import Reproduction
 from orchid_uav.experiments.reproduction.trainings import TRAININGS
@@ -108,9 +108,7 @@ def rules() -> list[Markup]:
     """Rules and margins in short."""
     rows = [
         [
-            "decimal logarithm of a ratio of variances"
-            if key == VARIANCE_RATIO
-            else METRICS[key].heading,
+            VARIANCE_RATIO_TITLE if key == VARIANCE_RATIO else METRICS[key].heading,
             f"{margin if key == VARIANCE_RATIO else margin * METRICS[key].scale:g}",
         ]
         for key, margin in MARGINS.items()

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from orchid_uav.experiments.markup import Markup, element, joined
 from orchid_uav.experiments.metrics import METRICS, UNBREAKABLE
-from orchid_uav.experiments.reproduction.checks import VARIANCE_RATIO
+from orchid_uav.experiments.reproduction.checks import VARIANCE_RATIO, VARIANCE_RATIO_TITLE
 from orchid_uav.experiments.reproduction.result import Judged
 from orchid_uav.experiments.reproduction.verdicts import Finding, Judgement, Verdict
 
@@ -49,7 +49,7 @@ class Scale(NamedTuple):
 def scale_of(check: Judgement) -> Scale:
     """How a check's numbers are shown; a relative spread is a plain number, whatever the metric."""
     if check.metric == VARIANCE_RATIO:
-        return Scale("decimal logarithm of a ratio of variances", "", 1.0, 2)
+        return Scale(VARIANCE_RATIO_TITLE, "", 1.0, 2)
     metric = METRICS[check.metric]
     if check.is_relative:
         return Scale(f"relative spread of {metric.title}", "", 1.0, 4)

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 
+from orchid_uav.experiments.ablation.result import TriggerReplay
 from orchid_uav.experiments.evaluation.method_keys import RELEASED, RULE_IDEAS
 from orchid_uav.experiments.markup import Markup, element, table
 from orchid_uav.experiments.metrics import METRICS
@@ -10,7 +11,6 @@ from orchid_uav.experiments.reproduction.report.effects import MINUS, code
 from orchid_uav.experiments.reproduction.result import (
     SENSITIVITIES,
     TABLED,
-    FalseAlarms,
     FlownMethod,
     Sensitivity,
 )
@@ -212,7 +212,7 @@ def _gained(summary: SeedSummary) -> Markup:
     return element("td", signed(UTILITY, summary.mean), " ", element("small", spread))
 
 
-def false_alarms(found: Sequence[FalseAlarms]) -> list[Markup]:
+def false_alarms(found: Sequence[TriggerReplay]) -> list[Markup]:
     """How often the trigger fires where nothing is learned."""
     if not found:
         return [_nothing()]
@@ -238,7 +238,7 @@ def false_alarms(found: Sequence[FalseAlarms]) -> list[Markup]:
     ]
 
 
-def _alarm(one: FalseAlarms | None) -> Markup:
+def _alarm(one: TriggerReplay | None) -> Markup:
     if one is None or not one.runs:
         return element("td", "–")
     fired = f"{one.fired} of {one.runs}"

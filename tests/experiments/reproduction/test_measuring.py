@@ -1,14 +1,10 @@
 """What is measured while a method is trained, and afterwards."""
 
-import json
-
 import numpy as np
 import pytest
 import torch
-from typer.testing import CliRunner
 
 from orchid_uav.callbacks import UpdateVariance
-from orchid_uav.cli.main import app
 from orchid_uav.envs import Parameters, WorldBatch
 from orchid_uav.envs.interfaces.sb3_vec_env import FleetVecEnv
 from orchid_uav.envs.metrics import EPISODE_METRICS
@@ -119,14 +115,6 @@ def test_the_variance_of_updates_is_that_of_single_steps():
 
 
 class TestTrainings:
-    @pytest.mark.parametrize("key", TRAININGS)
-    def test_are_the_commands_that_they_name(self, key):
-        training = TRAININGS[key]
-        options = [*training.arguments, "--seed", "12"]
-        told = CliRunner().invoke(app, ["config", "show", "--json", *options])
-        assert told.exit_code == 0, told.output
-        assert RunConfig.model_validate(json.loads(told.stdout)) == training.config(12)
-
     def test_have_seeds_that_nothing_was_tuned_on(self):
         assert tuple(range(10, 20)) == SEEDS
         assert {training.config(13).training.seed for training in TRAININGS.values()} == {13}

@@ -59,15 +59,12 @@ class TestAFinding:
             ("not lower", 0.1, "yes"),
             ("not lower", 0.0, "yes"),
             ("not lower", -0.1, "no"),
-            ("not higher", -0.1, "yes"),
-            ("not higher", 0.0, "yes"),
-            ("not higher", 0.1, "no"),
         ],
     )
     def test_of_a_clear_difference(self, expected, mean, finding):
         assert judged(expected, mean + NOISE).finding == finding
 
-    @pytest.mark.parametrize("expected", ["higher", "lower", "equal", "not lower", "not higher"])
+    @pytest.mark.parametrize("expected", ["higher", "lower", "equal", "not lower"])
     def test_is_open_where_seeds_scatter_far_more_than_the_margin(self, expected):
         found = judged(expected, 20.0 * NOISE)
         assert found.finding == "undecided"
@@ -92,7 +89,7 @@ class TestAFinding:
                 found.least_detectable_effect / np.std(20.0 * NOISE, ddof=1), "two-sided", 0.05 / 4
             ) == pytest.approx(0.8, abs=1e-6)
 
-    @pytest.mark.parametrize("expected", ["higher", "lower", "equal", "not lower", "not higher"])
+    @pytest.mark.parametrize("expected", ["higher", "lower", "equal", "not lower"])
     def test_needs_ten_pairs(self, expected):
         found = judged(expected, 0.1 + NOISE, of=9)
         assert (found.finding, found.n, found.units) == ("undecided", 9, 10)
@@ -104,7 +101,7 @@ class TestAFinding:
 
     @pytest.mark.parametrize(
         ("expected", "mean"),
-        [("equal", 0.018), ("equal", -0.018), ("not lower", -0.018), ("not higher", 0.018)],
+        [("equal", 0.018), ("equal", -0.018), ("not lower", -0.018)],
     )
     def test_is_no_where_a_shown_difference_is_not_shown_to_pass_the_margin(self, expected, mean):
         found = judged(expected, mean + NOISE)
