@@ -220,7 +220,9 @@ class _Sheet:
             for label in labels
             for point in self.curves[metric][label].values()
         ]
-        low, high = min(one.low for one in values), max(one.high for one in values)
+        least, greatest = (bound * METRICS[metric].scale for bound in bounds_of(metric))
+        low = max(min(min(one.low, one.mean - one.error) for one in values), least)
+        high = min(max(max(one.high, one.mean + one.error) for one in values), greatest)
         room = 0.05 * (high - low)
         return limits_of(metric, low, high, (low - room, high + room))
 
