@@ -25,7 +25,7 @@ CASES = [Case(Setting(uavs=2, users=12)), Case(Setting(uavs=3, users=12), sensin
 @pytest.fixture
 def small(monkeypatch, tmp_path):
     """A campaign of one method with three topologies and two cases."""
-    method = Training("orchid", SMALL, "small", "base", 0.1)
+    method = Training("orchid", SMALL, "small", "base")
     known = {"orchid": method, "maddpg-pf": method}
     for module in (jobs, trainings):
         monkeypatch.setattr(module, "TRAININGS", known)
