@@ -29,6 +29,7 @@ from orchid_uav.experiments.statistics.comparison import (
     Difference,
     SeedSummary,
     compare_pairs,
+    describe_differences,
     describe_seeds,
 )
 from orchid_uav.experiments.statistics.results import ResultHeader
@@ -196,11 +197,13 @@ def _beside_orchid(key: str, evidence: Evidence) -> dict[str, Difference]:
     base = [settings.base("tcp")]
     if key == "orchid":
         return {}
-    return {
-        metric: compare_pairs(
-            evidence.flown("orchid", metric, base), evidence.flown(key, metric, base), None
-        ).difference
+    by_metric = {
+        metric: evidence.flown(key, metric, base) - evidence.flown("orchid", metric, base)
         for metric in TABLED
+    }
+    return {
+        metric: describe_differences(differences[np.isfinite(differences)])
+        for metric, differences in by_metric.items()
     }
 
 

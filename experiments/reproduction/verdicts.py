@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 from orchid_uav.experiments.reproduction.evidence import Evidence
 from orchid_uav.experiments.statistics.comparison import (
     ALPHA,
-    Comparison,
-    compare_pairs,
+    describe_differences,
+    equivalence,
     holm,
     least_detectable_effect,
     p_value_above,
+    sign_flip_p_value,
 )
 from orchid_uav.storage.documents import Document
 
@@ -85,35 +86,30 @@ class Judgement(Document):
 def judge_checks(checks: Sequence[Check], evidence: Evidence) -> list[Judgement]:
     """Judge the checks of a claim, which are one family of tests (Holm)."""
     sides = [_sides(check, evidence) for check in checks]
-    found = [
-        compare_pairs(other, one, None, check.margin)
-        for check, (one, other) in zip(checks, sides, strict=True)
-    ]
-    adjusted = holm([comparison.p_value for comparison in found])
+    adjusted = holm([sign_flip_p_value(one - other) for one, other, _ in sides])
     return [
-        _judgement(check, one, other, comparison, p_holm, len(checks))
-        for check, (one, other), comparison, p_holm in zip(
-            checks, sides, found, adjusted, strict=True
-        )
+        _judgement(check, one, other, units, p_holm, len(checks))
+        for check, (one, other, units), p_holm in zip(checks, sides, adjusted, strict=True)
     ]
 
 
-def _sides(check: Check, evidence: Evidence) -> tuple[Floats, Floats]:
-    """The values of both sides; none where one of them was not measured at all."""
+def _sides(check: Check, evidence: Evidence) -> tuple[Floats, Floats, int]:
+    """The values of both sides in complete pairs, (pairs,), and how many pairs there should be."""
     one, other = check.one(evidence), check.other(evidence)
-    return (one, other) if len(one) == len(other) else (np.empty(0), np.empty(0))
+    units = max(len(one), LEAST_SEEDS)
+    if len(one) != len(other):  # a side that was not measured at all
+        return np.empty(0), np.empty(0), units
+    complete = np.isfinite(one) & np.isfinite(other)
+    return one[complete], other[complete], units
 
 
 def _judgement(
-    check: Check,
-    one: Floats,
-    other: Floats,
-    comparison: Comparison,
-    p_holm: float | None,
-    family: int,
+    check: Check, one: Floats, other: Floats, units: int, p_holm: float | None, family: int
 ) -> Judgement:
-    complete = np.isfinite(one) & np.isfinite(other)
-    differences = (one - other)[complete]
+    differences = one - other
+    difference = describe_differences(differences)
+    equivalent = equivalence(differences, check.margin)
+    is_within_margin = equivalent is not None and equivalent.equivalent
     return Judgement(
         what=check.what,
         methods=list(check.methods),
@@ -121,14 +117,14 @@ def _judgement(
         is_relative=check.is_relative,
         expected=check.expected,
         margin=check.margin,
-        finding=_finding(check, differences, comparison, p_holm),
-        is_within_margin=comparison.equivalence is not None and comparison.equivalence.equivalent,
-        n=comparison.n,
-        units=max(len(one), LEAST_SEEDS),
-        one=float(one[complete].mean()) if complete.any() else None,
-        other=float(other[complete].mean()) if complete.any() else None,
-        difference=comparison.difference.mean,
-        ci95=comparison.difference.ci95,
+        finding=_finding(check, differences, p_holm, is_within_margin),
+        is_within_margin=is_within_margin,
+        n=len(differences),
+        units=units,
+        one=float(one.mean()) if len(one) else None,
+        other=float(other.mean()) if len(other) else None,
+        difference=difference.mean,
+        ci95=difference.ci95,
         p_holm=p_holm,
         least_detectable_effect=_least_detectable(check, differences, family),
     )
@@ -141,7 +137,7 @@ def _least_detectable(check: Check, differences: Floats, family: int) -> float |
 
 
 def _finding(
-    check: Check, differences: Floats, comparison: Comparison, p_holm: float | None
+    check: Check, differences: Floats, p_holm: float | None, is_within_margin: bool
 ) -> Finding:
     """Whether the claim's expectation is met.
 
@@ -150,23 +146,21 @@ def _finding(
     no where it is shown to be beyond it. *Not lower*: yes, where it is shown to be lower by no more
     than the margin; no, where it is shown to be lower by more.
     """
-    mean, equivalence = comparison.difference.mean, comparison.equivalence
-    if comparison.n < LEAST_SEEDS or mean is None or p_holm is None:
+    if len(differences) < LEAST_SEEDS or p_holm is None:
         return "undecided"
-    is_equal = equivalence is not None and equivalence.equivalent
-    is_shown = p_holm <= ALPHA
+    mean, is_shown = float(differences.mean()), p_holm <= ALPHA
     if check.expected == "equal":
         is_beyond = is_shown and p_value_above(differences * np.sign(mean), check.margin) <= ALPHA
-        return "yes" if is_equal else "no" if is_beyond else "undecided"
+        return "yes" if is_within_margin else "no" if is_beyond else "undecided"
     if check.expected == "not lower":
         if p_value_above(differences, -check.margin) <= ALPHA:
             return "yes"
         is_beyond = is_shown and p_value_above(-differences, check.margin) <= ALPHA
         return "no" if is_beyond else "undecided"
     is_right = mean > 0.0 if check.expected == "higher" else mean < 0.0
-    if is_shown and is_right and not is_equal:
+    if is_shown and is_right and not is_within_margin:
         return "yes"
-    return "no" if is_equal or is_shown else "undecided"
+    return "no" if is_within_margin or is_shown else "undecided"
 
 
 def verdict_of(findings: Sequence[Finding]) -> Verdict:

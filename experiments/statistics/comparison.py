@@ -173,15 +173,13 @@ def compare_pairs(
     differences = other[complete] - one[complete]
     of_base = abs(float(np.mean(one[complete]))) if complete.any() else 0.0
     improvement = probability_of_improvement(one, other, better)
-    mean, median, iqm = _averages(differences)
-    ci95 = _over_seeds((differences,), np.mean)
     return Comparison(
         n=len(differences),
         seeds=len(one),
         failed_base=int(failed_one.sum()),
         failed_variant=int(failed_other.sum()),
         better=better,
-        difference=Difference(mean=mean, median=median, iqm=iqm, ci95=ci95, ci95_of="mean"),
+        difference=describe_differences(differences),
         relative=float(np.mean(differences)) / of_base if of_base else None,
         probability_of_improvement=improvement[0],
         probability_of_improvement_ci95=improvement[1],
@@ -190,6 +188,13 @@ def compare_pairs(
         equivalence=equivalence(differences, margin),
         least_detectable_effect=least_detectable_effect(differences),
     )
+
+
+def describe_differences(differences: Floats) -> Difference:
+    """Averages of paired differences, (pairs,), with the interval of the mean."""
+    mean, median, iqm = _averages(differences)
+    ci95 = _over_seeds((differences,), np.mean)
+    return Difference(mean=mean, median=median, iqm=iqm, ci95=ci95, ci95_of="mean")
 
 
 def probability_of_improvement(
