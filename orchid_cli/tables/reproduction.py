@@ -8,8 +8,10 @@ from orchid_uav.experiments.reproduction.report.effects import (
     interval_text,
     mean_text,
     pairs_text,
+    scale_of,
 )
 from orchid_uav.experiments.reproduction.result import JudgedClaim, Reproduction
+from orchid_uav.experiments.reproduction.verdicts import Judgement
 
 
 def print_reproduction(out: Console, document: Reproduction) -> None:
@@ -33,6 +35,10 @@ def _row(claim: JudgedClaim) -> list[str]:
         claim.says,
         claim.tcp.verdict or "not evidence",
         uniform or "–",
-        f"{mean_text(check)} {interval_text(check)}".strip() if check else "–",
+        _decides(check) if check else "–",
         pairs_text(check) if check else "–",
     ]
+
+
+def _decides(check: Judgement) -> str:
+    return f"{scale_of(check).title}: {mean_text(check)} {interval_text(check)}".strip()
