@@ -26,7 +26,7 @@ WIDTH = 104
 _LANGUAGES = {".toml": "toml", ".py": "python"}
 
 
-SEARCHED = MADDPG
+SEARCHED = ("orchid-tuned", *MADDPG)
 
 
 def findings_block() -> str:
@@ -70,8 +70,8 @@ def _learning() -> str:
         "*zero-action twin*, which starts at the same places and stays there, reaches "
         f"{utility.other:.3f}. None of the {_word(seeds)} is above it. Where people are spread "
         f"evenly it makes hardly a difference ({evenly[0].difference:+.3f}). With the best recipes "
-        "of a search, which are the most cautious ones, policies of MADDPG, the method that the "
-        f"paper compares with, end within {max(map(abs, searched)):.3f} of their twins. "
+        "of a search, which are the most cautious ones, policies of this method and of MADDPG, "
+        f"with which the paper compares it, end within {max(map(abs, searched)):.3f} of their twins. "
         "[Results](docs/results.md#what-training-is-worth)"
     )
 
