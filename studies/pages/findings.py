@@ -71,7 +71,8 @@ def _learning() -> str:
         f"{utility.other:.3f}. None of the {_word(seeds)} is above it. Where people are spread "
         f"evenly it makes hardly a difference ({evenly[0].difference:+.3f}). With the best recipes "
         "of a search, which are the most cautious ones, policies of this method and of MADDPG, "
-        f"with which the paper compares it, end within {max(map(abs, searched)):.3f} of their twins. "
+        f"with which the paper compares it, end within {max(map(abs, searched)):.3f} of their "
+        "twins. "
         "[Results](docs/results.md#what-training-is-worth)"
     )
 
