@@ -97,7 +97,7 @@ class Campaign:
             self.directory.mkdir(parents=True, exist_ok=True)
             if not (self.directory / DOCUMENT_FILE).exists():
                 # First of all, since by it the next call knows the directory as a reproduction.
-                self._write(self.gathered(command, "running", []))
+                self._write(self.gathered(command, "running", rows))
             for name in (RUNS_FOLDER, JOBS_FOLDER, FIGURES_FOLDER):
                 (self.directory / name).mkdir(exist_ok=True)
             self.rows.mkdir(parents=True, exist_ok=True)

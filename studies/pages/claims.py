@@ -75,7 +75,7 @@ def _claims(claims: Iterable[Claim]) -> str:
 
 
 def _title(name: str) -> str:
-    return METRICS[name].title if name in METRICS else "Var(Δθ)"
+    return METRICS[name].title if name in METRICS else VARIANCE_RATIO_TITLE
 
 
 def trainings_block() -> str:

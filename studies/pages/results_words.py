@@ -28,6 +28,7 @@ from orchid_uav.experiments.reproduction.needs import needed_for
 from orchid_uav.experiments.reproduction.report.effects import interval_text, mean_text
 from orchid_uav.experiments.reproduction.result import JudgedClaim
 from orchid_uav.experiments.reproduction.verdicts import Judgement, judge_checks
+from orchid_uav.experiments.statistics.comparison import ALPHA
 from studies.movements import FOLDER
 from studies.pages.markdown import recorded, table
 from studies.pages.results import PAGE, is_measured, result, rows_read
@@ -87,8 +88,12 @@ def told_of(claim: JudgedClaim, sentence: Sentence) -> str:
 
 
 def _found(check: Judgement) -> str:
-    """Its finding, or "within" where it is refuted by a difference within the margin."""
-    return "within" if check.finding == "no" and check.is_within_margin else check.finding
+    """Its finding; of a "no" by a difference within the margin, also on which side it is shown."""
+    if check.finding != "no" or not check.is_within_margin:
+        return check.finding
+    if check.p_holm is None or check.p_holm > ALPHA:
+        return "within"
+    return "above, within" if (check.difference or 0.0) > 0.0 else "below, within"
 
 
 @functools.cache

@@ -24,8 +24,8 @@ def test_a_sentence_tells_differences_of_its_claim(key):
     ("key", "others"),
     [
         ("c19", {"findings": ["yes", "no"]}),
-        ("c18", {"findings": ["no"]}),  # it is "within"
-        ("q1", {"uniform": ["within", "within", "no"]}),
+        ("c18", {"findings": ["within"]}),  # and it is shown on the other side
+        ("q1", {"uniform": ["above, within", "above, within", "no"]}),
     ],
 )
 def test_a_sentence_for_other_findings_is_refused(key, others):

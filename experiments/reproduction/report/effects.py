@@ -108,22 +108,28 @@ def pairs_text(check: Judgement) -> str:
 def decisive(judged: Judged) -> Judgement | None:
     """The check that a verdict hangs on.
 
-    Of an undecided claim it is an open check, one that waits for seeds before all others, else
-    that with the greatest effect; of others the clearest "no", or, where all are "yes", the
-    narrowest of them. Effects are counted in margins, so that metrics compare.
+    Of an undecided claim it is an open check, one that waits for seeds before all others; else a
+    "no", where there is one. Of several it is that which speaks most against the claim, in margins,
+    so that metrics compare.
     """
+    order: tuple[Finding, ...] = ("no", "undecided", "yes")
+    if judged.verdict == "undecided":
+        order = ("undecided",)
+    for finding in order:
+        found = [check for check in judged.checks if check.finding == finding]
+        if found:
+            return min(found, key=lambda check: (check.n >= check.units, _for_the_claim(check)))
+    return None
 
-    def effect(check: Judgement) -> float:
-        return abs(check.difference or 0.0) / check.margin
 
-    def of(finding: Finding) -> list[Judgement]:
-        return [check for check in judged.checks if check.finding == finding]
-
-    if judged.verdict != "undecided" and (against := of("no")):
-        return max(against, key=effect)
-    if is_open := of("undecided"):
-        return max(is_open, key=lambda check: (check.n < check.units, effect(check)))
-    return min(of("yes"), key=effect, default=None)
+def _for_the_claim(check: Judgement) -> float:
+    """How far a difference speaks for the claim, in margins."""
+    in_margins = (check.difference or 0.0) / check.margin
+    if check.expected == "equal":
+        return 1.0 - abs(in_margins)
+    if check.expected == "not lower":
+        return 1.0 + in_margins
+    return in_margins if check.expected == "higher" else -in_margins
 
 
 def counted(checks: Sequence[Judgement]) -> str:

@@ -20,6 +20,7 @@ from orchid_uav.experiments.reproduction.result import TABLED, judged
 from orchid_uav.experiments.reproduction.rows import FlownCase, Row, TrainingCurve
 from orchid_uav.experiments.reproduction.settings import Case
 from orchid_uav.experiments.reproduction.trainings import SEEDS, TRAININGS
+from orchid_uav.experiments.statistics import intervals
 from tests.helpers.reproductions import USUAL, make_row, noise_of
 
 COVERAGE, EFFICIENCY, RATE, LOAD = TABLED[:4]
@@ -28,6 +29,12 @@ FAIRNESS = (RATE, LOAD)
 LEARNED = ("orchid", "maddpg-pf", "maddpg-mmf")
 EPISODES, BLOCK, TOPOLOGIES = 700, 10, 20
 BY_CLAIM = {claim.key: claim for claim in (*CLAIMS, *QUESTIONS)}
+
+
+@pytest.fixture(autouse=True)
+def few_resamples(monkeypatch):
+    """Intervals decide nothing, and take most of the time."""
+    monkeypatch.setattr(intervals, "RESAMPLES", 20)
 
 
 class Effect(NamedTuple):

@@ -228,13 +228,19 @@ class TestTheDecisiveComparison:
         found[1] = found[1].model_copy(update={"difference": -9.0 * found[1].margin})
         assert decisive_of(make_judgement(SOME[4], "yes"), *found) is found[1]
 
+    def test_is_none_that_speaks_for_the_claim_while_another_does_not(self):
+        found = [make_judgement(check, "no") for check in SOME[:2]]
+        found[0] = found[0].model_copy(update={"difference": 0.7 * found[0].margin})
+        found[1] = found[1].model_copy(update={"difference": -0.1 * found[1].margin})
+        assert decisive_of(*found) is found[1]
+
     def test_is_what_is_open_before_what_is_shown(self):
         found = make_judgement(SOME[1], "undecided")
         assert decisive_of(make_judgement(SOME[0], "yes"), found) is found
 
     def test_is_what_is_open_where_nothing_else_keeps_a_claim_from_failing(self):
         found = [make_judgement(check, "undecided") for check in SOME[:2]]
-        found[1] = found[1].model_copy(update={"difference": 0.9 * found[1].margin})
+        found[1] = found[1].model_copy(update={"difference": -0.9 * found[1].margin})
         assert decisive_of(make_judgement(SOME[2], "no"), *found) is found[1]
 
     def test_is_what_waits_for_seeds_before_what_is_open(self):
