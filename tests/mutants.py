@@ -334,6 +334,20 @@ MUTANTS = [
         "experiments/reproduction/test_claims.py",
     ),
     Mutant(
+        "fairness over the wrong axis",
+        "experiments/reproduction/checks.py",
+        "yield from fairer_than_maddpg(settings.users(distribution))",
+        "yield from fairer_than_maddpg(settings.uavs(distribution))",
+        "experiments/reproduction/test_claims.py",
+    ),
+    Mutant(
+        "a claim judged among the wrong users",
+        "experiments/reproduction/checks.py",
+        "yield from narrowest_efficiency(settings.uavs(distribution))",
+        'yield from narrowest_efficiency(settings.uavs("tcp"))',
+        "experiments/reproduction/test_claims.py",
+    ),
+    Mutant(
         "few and many users exchanged",
         "experiments/reproduction/checks.py",
         "few, *_, many = settings.users(distribution)",
