@@ -201,8 +201,8 @@ def sensitivities_block() -> str:
     heads = ["training", "what differs", "gains", "that is, beside `orchid` [95 %]"]
     own = next(iter(result().sensitivities)).gained_by_orchid.mean
     return (
-        f"{table(heads, rows, words=2)}\n\nUtility beyond that of the policy's own twin, in the paper's "
-        f"network, without noise; `orchid` gains {signed(UTILITY, own)}. Means over ten seeds."
+        f"{table(heads, rows, words=2)}\n\nUtility beyond that of the policy's own twin, in the "
+        f"paper's network, without noise; `orchid` gains {signed(UTILITY, own)}. Means over ten seeds."
     )
 
 
