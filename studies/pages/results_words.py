@@ -202,7 +202,8 @@ def sensitivities_block() -> str:
     own = next(iter(result().sensitivities)).gained_by_orchid.mean
     return (
         f"{table(heads, rows, words=2)}\n\nUtility beyond that of the policy's own twin, in the "
-        f"paper's network, without noise; `orchid` gains {signed(UTILITY, own)}. Means over ten seeds."
+        f"paper's network, without noise; `orchid` gains {signed(UTILITY, own)}. "
+        "Means over ten seeds."
     )
 
 
