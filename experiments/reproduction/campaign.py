@@ -87,7 +87,7 @@ class Campaign:
         Raises:
             InputError: it cannot be written, or a file among the rows is none.
         """
-        rows = self._rows_read()
+        rows = self.checked_rows()
         if any(row.is_quick != self.is_quick for row in rows):
             kind = "full" if self.is_quick else "quick"
             raise InputError(
@@ -136,7 +136,7 @@ class Campaign:
             InputError: a file among the rows is none.
             RunFailedError: the directory cannot be written.
         """
-        rows = self._rows_read()
+        rows = self.checked_rows()
         document = self.gathered(command, status, rows)
         try:
             drawn = draw_figures(rows, self.directory / FIGURES_FOLDER, figures_for(self.only))
@@ -147,7 +147,7 @@ class Campaign:
             raise RunFailedError(f"cannot write to {self.directory}: {reason_of(error)}") from error
         return document
 
-    def _rows_read(self) -> list[Row]:
+    def checked_rows(self) -> list[Row]:
         """All rows.
 
         Raises:

@@ -78,6 +78,10 @@ class Evidence:
             return np.full(len(values), known[0] if known else np.nan)
         return np.array(values)
 
+    def gained(self, method: str, metric: str, cases: Sequence[Case]) -> Floats:
+        """How much more of a metric the policy has than its zero-action twin, over cases."""
+        return self.flown(method, metric, cases) - self.flown(f"{method}-zero", metric, cases)
+
     def topologies(self, rule: str, metric: str, case: Case) -> Floats:
         """A rule's metric on every topology of a case, (topologies,); empty where not flown."""
         row = self.rule(rule)

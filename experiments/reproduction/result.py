@@ -13,7 +13,7 @@ from orchid_uav.experiments.ablation.result import TriggerReplay
 from orchid_uav.experiments.reproduction import settings
 from orchid_uav.experiments.reproduction.checks import MARGINS, UTILITY
 from orchid_uav.experiments.reproduction.claims import CLAIMS, QUESTIONS, Claim
-from orchid_uav.experiments.reproduction.evidence import Evidence, Floats
+from orchid_uav.experiments.reproduction.evidence import Evidence
 from orchid_uav.experiments.reproduction.needs import chosen
 from orchid_uav.experiments.reproduction.rows import Row
 from orchid_uav.experiments.reproduction.settings import DISTRIBUTIONS
@@ -210,18 +210,14 @@ def _beside_orchid(key: str, evidence: Evidence) -> dict[str, Difference]:
 def sensitivities(evidence: Evidence) -> list[Sensitivity]:
     """What each open choice changes, as far as it was trained."""
     base = [settings.base("tcp")]
-
-    def gained(key: str) -> Floats:
-        return evidence.flown(key, UTILITY, base) - evidence.flown(f"{key}-zero", UTILITY, base)
-
-    own = gained("orchid")
+    gained = {key: evidence.gained(key, UTILITY, base) for key in ("orchid", *SENSITIVITIES)}
     return [
         Sensitivity(
             method=key,
             purpose=TRAININGS[key].purpose,
-            gained=describe_seeds(gained(key)),
-            gained_by_orchid=describe_seeds(own),
-            difference=compare_pairs(own, gained(key), "higher", MARGINS[UTILITY]),
+            gained=describe_seeds(gained[key]),
+            gained_by_orchid=describe_seeds(gained["orchid"]),
+            difference=compare_pairs(gained["orchid"], gained[key], "higher", MARGINS[UTILITY]),
         )
         for key in SENSITIVITIES
         if evidence.rows(key)

@@ -5,16 +5,12 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from functools import partial
 
-import numpy as np
-from numpy.typing import NDArray
-
 from orchid_uav.envs.parameters import DeploymentParameters
 from orchid_uav.experiments.metrics import HEADROOM
 from orchid_uav.experiments.reproduction import settings
 from orchid_uav.experiments.reproduction.checks import MADDPG, MARGINS, UTILITY
 from orchid_uav.experiments.reproduction.evidence import Evidence
 from orchid_uav.experiments.reproduction.report.effects import interval_text, mean_text
-from orchid_uav.experiments.reproduction.settings import Case
 from orchid_uav.experiments.statistics.comparison import ALPHA
 from orchid_uav.experiments.statistics.results import EvaluationResult
 from studies.pages.flying import BOUND, LEARNED, RULE, TWIN, case_of, cases
@@ -57,7 +53,7 @@ def _learning() -> str:
     must_hold({one.finding for one in (utility, *others)} == {"no"}, "it is worse than its twin")
     must_hold(all(one.is_within_margin for one in evenly), "evenly spread it is about as good")
     evidence, base = Evidence(rows_read()), [settings.base("tcp")]
-    gains = {key: _gain(evidence, key, base) for key in ("orchid", *SEARCHED)}
+    gains = {key: evidence.gained(key, UTILITY, base) for key in ("orchid", *SEARCHED)}
     searched = [float(gains[key].mean()) for key in SEARCHED]
     must_hold(max(map(abs, searched)) < MARGINS[UTILITY], "the search ends near doing nothing")
     seeds, above = utility.n, int((gains["orchid"] > 0.0).sum())
@@ -76,12 +72,6 @@ def _learning() -> str:
         f"{math.ceil(max(map(abs, searched)) * 1000) / 1000:.3f} of their twins. "
         "[Results](docs/results.md#what-training-is-worth)"
     )
-
-
-def _gain(evidence: Evidence, method: str, cases: Sequence[Case]) -> NDArray[np.float64]:
-    """Utility beyond that of the zero-action twin, (seeds,)."""
-    own, twin = (evidence.flown(key, UTILITY, cases) for key in (method, f"{method}-zero"))
-    return own - twin
 
 
 def _noise(flown: Mapping[tuple[str, bool], EvaluationResult]) -> str:

@@ -13,7 +13,7 @@ from orchid_uav.experiments.reproduction.report.effects import (
     scale_of,
 )
 from orchid_uav.experiments.reproduction.result import JudgedClaim, Reproduction
-from orchid_uav.experiments.reproduction.rows import Row, read_rows
+from orchid_uav.experiments.reproduction.rows import Row
 from orchid_uav.experiments.reproduction.trainings import SEEDS, TRAININGS
 from orchid_uav.experiments.reproduction.verdicts import Judgement
 from studies.pages.markdown import ROOT, table
@@ -23,18 +23,20 @@ PAGE = ROOT / "docs" / "results.md"
 ROWS = RESULTS / "reproduction"
 
 
+CAMPAIGN = Campaign(ROWS / "nowhere", ROWS)
+"""Its directory does not exist, since nothing is written there."""
+
+
 @cache
 def rows_read() -> Sequence[Row]:
     """The committed rows: hundreds of files, which several blocks need."""
-    return tuple(read_rows(ROWS))
+    return tuple(CAMPAIGN.checked_rows())
 
 
 @cache
 def result() -> Reproduction:
     """What the committed rows say."""
-    nowhere = ROWS / "nowhere"  # that does not exist, so that nothing is written or checked
-    command = ("orchid", "reproduce")
-    return Campaign(nowhere, ROWS).gathered(command, "completed", rows_read())
+    return CAMPAIGN.gathered(("orchid", "reproduce"), "completed", rows_read())
 
 
 def question_of(key: str) -> JudgedClaim:
