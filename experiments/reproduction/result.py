@@ -131,7 +131,7 @@ def judged(claim: Claim, evidence: Evidence, is_quick: bool) -> JudgedClaim:
     def of(distribution: Distribution) -> Judged:
         found = judge_checks(list(claim.checks(distribution)), evidence)
         # What one comparison has shown already is no verdict while others wait for their seeds.
-        is_complete = all(one.n == one.units for one in found)
+        is_complete = all(one.is_complete for one in found)
         verdict = verdict_of([one.finding for one in found]) if is_complete else "undecided"
         return Judged(verdict=None if is_quick else verdict, checks=found)
 

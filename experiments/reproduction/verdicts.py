@@ -82,6 +82,11 @@ class Judgement(Document):
     be (*higher*, *lower*: each of the claim's tests at its share of 5 %), or how far on either side
     of the margin (*equal*, *not lower*)."""
 
+    @property
+    def is_complete(self) -> bool:
+        """Whether no pair is missing."""
+        return self.n == self.units
+
 
 def judge_checks(checks: Sequence[Check], evidence: Evidence) -> list[Judgement]:
     """Judge the checks of a claim, which are one family of tests (Holm)."""

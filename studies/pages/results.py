@@ -98,7 +98,7 @@ def verdicts_block() -> str:
 def is_measured(claim: JudgedClaim) -> bool:
     """Whether all comparisons of a claim have all of their pairs, among all users."""
     checks = [*claim.tcp.checks, *(claim.uniform.checks if claim.uniform else ())]
-    return all(check.n == check.units for check in checks)
+    return all(check.is_complete for check in checks)
 
 
 def _row(claim: JudgedClaim) -> list[str]:

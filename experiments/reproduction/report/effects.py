@@ -118,7 +118,7 @@ def decisive(judged: Judged) -> Judgement | None:
     for finding in order:
         found = [check for check in judged.checks if check.finding == finding]
         if found:
-            return min(found, key=lambda check: (check.n >= check.units, _for_the_claim(check)))
+            return min(found, key=lambda check: (check.is_complete, _for_the_claim(check)))
     return None
 
 
