@@ -12,6 +12,8 @@ JOBS ?= 2
 SHARED_OUT := -n $(JOBS) --dist loadfile
 AUDIT ?= studies/results/audit.json
 SCALE ?= 1
+# Containers often set it: each of the suite's processes would then compile all of the code anew.
+unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .PHONY: help install train test test-browser test-trackers test-ray test-lowest newest licences audit dist dist-check lint replay-page bench docs docs-data mutants reference studies ablation torture reproduce public validation fixed-batch clean FORCE

@@ -12,15 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from orchid_uav.experiments.configuration import configuration_keys
-from orchid_uav.experiments.statistics.intervals import MetricSummary
 from studies.deployment import RESULT, fly
-from studies.pages import ablation as ablations
-from studies.pages.evaluation import coverage_sentence
 from studies.pages.figure_sources import FIGURE_SOURCES, figure_digests
-from studies.pages.generate import PAGES, configuration_page, page
-from studies.pages.markdown import metrics_table
-from studies.recording import read_evaluation
 from tests.helpers.processes import TINY
 
 ROOT = Path(__file__).parent.parent
@@ -40,11 +33,6 @@ ROOMS = (
 )
 
 
-@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)
-def test_generated_pages_are_current(path):
-    assert path.read_text(encoding="utf-8") == page(path), "run: make docs-data"
-
-
 def test_figures_were_drawn_from_what_is_committed():
     recorded = json.loads(FIGURE_SOURCES.read_text())
     assert recorded == figure_digests(), "run: make docs-data"
@@ -54,57 +42,6 @@ def test_figures_were_drawn_from_what_is_committed():
         for target in re.findall(r"!\[[^]]*\]\((?:docs/)?figures/([^)]+)\)", path.read_text())
     }
     assert shown <= set(recorded)
-
-
-def test_results_of_before_total_coverage_make_pages_without_it():
-    hover = read_evaluation("methods").results[0].model_copy(update={"method": "hover"})
-    results = [hover.model_copy(deep=True) for _ in range(2)]
-    for result, total in zip(results, (0.925, 0.9), strict=True):
-        result.metrics.clear()
-        for name, mean, std in (
-            *(("coverage", 1.0, 0.0), ("total_coverage", total, 0.1)),
-            ("gbs_coverage", 0.475, 0.1),
-        ):
-            result.metrics[name] = MetricSummary(mean=mean, std=std, ci95=None)
-    assert coverage_sentence(results) == (
-        "The drones cover 1.000 of their own users (*target users*), and 0.900 to 0.925 of all "
-        "users are covered: of those left to it, the ground station reaches 0.475.\n"
-    )
-    metrics = ("coverage", "total_coverage")
-    assert "| 1.000 | 0.925 ± 0.100 |" in metrics_table(results, metrics)
-    for result in results:
-        del result.metrics["total_coverage"]
-    assert coverage_sentence(results) == ""
-    assert metrics_table(results, metrics).splitlines()[2] == "| `hover` | 1.000 |"
-
-
-def test_words_that_do_not_follow_from_the_results_are_not_written(monkeypatch):
-    document = ablations.read_ablation(ablations.NAME)
-    found = document.comparisons["evaluation"]["no-rf"]["utility"]
-    monkeypatch.setattr(ablations, "read_ablation", lambda name: document)
-    for verdict, reward, words in (
-        ("worse", None, "no difference is shown"),
-        ("equivalent", None, None),
-        ("equivalent", 0.0, "reward is lower in every"),
-    ):
-        found.verdict = verdict
-        if reward is not None:
-            document.runs[0].training["reward"] = reward
-        if words is None:
-            ablations.summary_block()
-        else:
-            with pytest.raises(ValueError, match=words):
-                ablations.summary_block()
-
-
-def test_every_key_is_described():
-    page = configuration_page()
-    for key in configuration_keys():
-        row = next(line for line in page.splitlines() if f"`{key}`" in line)
-        assert row.count("|") >= 6 and not row.rstrip().endswith("| None |"), key
-    assert "| `training.worlds` | 1 |" in page
-    assert "| `reset.enabled` | true |" in page
-    assert "| `network.total_bandwidth_hz` | none |" in page
 
 
 @pytest.mark.parametrize("path", PROSE, ids=lambda path: path.name)

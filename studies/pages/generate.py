@@ -1,8 +1,8 @@
 """Write all generated parts of the documentation: ``python -m studies.pages.generate``.
 
 Numbers come from the committed JSON files under ``studies/results`` and
-``runs/reference``, and from the configuration's own classes. ``tests/test_docs.py`` fails if a
-page differs from what this script makes of them.
+``runs/reference``, and from the configuration's own classes. ``tests/studies/test_pages.py`` fails
+if a page differs from what this script makes of them.
 """
 
 from collections.abc import Callable, Mapping, Sequence

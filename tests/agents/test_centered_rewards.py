@@ -48,7 +48,7 @@ class TestAConstantOnEveryReward:
         for centered in (False, True):
             env = ConstantReward(reward=2.0, length=8, truncates=True)
             settings = {
-                "critic_learning_rate": 3e-3,
+                "critic_learning_rate": 1e-2,
                 "batch_size": 64,
                 "gamma": 0.9,
                 "center_rewards": centered,
@@ -57,11 +57,11 @@ class TestAConstantOnEveryReward:
             }
             if learner == "mappo":
                 model = MAPPO("CentralizedCriticPolicy", env, n_steps=32, n_epochs=10, **settings)
-                model.learn(2 * 32 * 60)
+                model.learn(2 * 32 * 40)
                 level = model.policy.state_value(torch.ones(1, 3))
             else:
                 model = MADDPG("JointCriticPolicy", env, target_rate=0.05, **settings)
-                model.learn(2 * 32 * 60)
+                model.learn(2 * 32 * 40)
                 level = model.policy.joint_value(torch.ones(1, 3), torch.zeros(1, 2, 1))
             levels[centered] = level.item()
             logged = model.logger.name_to_value["train/mean_value"]

@@ -90,7 +90,7 @@ class TestReturns:
         model = MAPPO(
             "CentralizedCriticPolicy",
             env,
-            critic_learning_rate=3e-3,
+            critic_learning_rate=1e-2,
             n_steps=n_steps,
             batch_size=64,
             n_epochs=10,
@@ -98,7 +98,7 @@ class TestReturns:
             seed=0,
             policy_kwargs={"net_arch": [16]},
         )
-        model.learn(2 * n_steps * 120)
+        model.learn(2 * n_steps * 50)
         return float(model.policy.state_value(torch.ones(1, 3)).detach())
 
     @pytest.mark.parametrize(("length", "n_steps"), [(8, 32), (32, 32), (50, 32)])

@@ -429,7 +429,7 @@ class TestKilled:
             whole = begin(runs_dir, config)
         draw, kinds, made_anew = random.Random(name), set(), 0
         of_each_kind = [draw.choice(_places(steps, kind)) for kind in _KILLED_IN]
-        for trial in range(10):
+        for trial in range(7):
             here = tmp_path / str(trial)
             at = of_each_kind[trial] if trial < len(of_each_kind) else draw.randrange(len(steps))
             again = draw.randrange(len(steps))

@@ -57,13 +57,19 @@ def noise_of(*names: object) -> np.random.Generator:
     return np.random.default_rng(zlib.crc32(repr(names).encode()))
 
 
+@functools.cache
+def drawn_of(*names: object) -> float:
+    """A standard normal number that depends on names alone."""
+    return float(noise_of(*names).normal())
+
+
 def mean_of(label: str, metric: str, seed: int | None) -> float:
     """What a method with a seed reaches over all topologies."""
     value = USUAL[metric] + EFFECTS.get(label, {}).get(metric, 0.0)
     if metric in ("coverage", "collisions") or seed is None or label.endswith("-zero"):
         return value
     scatter = SEED_NOISE * UNSTEADY.get(label, 1.0) * USUAL[metric]
-    return value + scatter * float(noise_of(label, metric, seed).normal())
+    return value + scatter * drawn_of(label, metric, seed)
 
 
 def make_flight(
@@ -127,7 +133,9 @@ def make_row(method: str, seed: int | None, is_quick: bool = False, **changes: o
         "seconds_flown": 36.0,
     }
     if seed is not None:
-        values |= {"episodes": episodes, "curve": make_curve(method, seed, episodes)}
+        values["episodes"] = episodes
+        if "curve" not in changes:
+            values["curve"] = make_curve(method, seed, episodes)
     if is_trained:
         values |= _learned(method, int(seed or 0), episodes)
     return Row.model_validate(values | changes)

@@ -21,7 +21,7 @@ from orchid_uav.experiments.reproduction.rows import FlownCase, Row, TrainingCur
 from orchid_uav.experiments.reproduction.settings import Case
 from orchid_uav.experiments.reproduction.trainings import SEEDS, TRAININGS
 from orchid_uav.experiments.statistics import intervals
-from tests.helpers.reproductions import USUAL, make_row, noise_of
+from tests.helpers.reproductions import USUAL, drawn_of, make_row, noise_of
 
 COVERAGE, EFFICIENCY, RATE, LOAD = TABLED[:4]
 WORST, UTILITY, REWARD = "worst_rate_bps", "utility", "reward"
@@ -189,14 +189,14 @@ class World(NamedTuple):
             margin = MARGINS.get(metric, 1.0)
             noise = 0.0
             if seed is not None and not label.endswith("-zero"):
-                noise = 0.1 * float(noise_of(label, metric, seed).normal())
+                noise = 0.1 * drawn_of(label, metric, seed)
             mean = USUAL[metric] + margin * (self.of(label, metric, "mean", case) + noise)
             widening = SPREAD_MARGINS.get(metric, 0.0) * self.of(label, metric, "spread", case)
             std = (0.2 + widening) * (USUAL[metric] if metric == EFFICIENCY else 1.0)
             metrics[metric] = [mean, std]
-            drawn = np.tile([-1.0, 1.0], TOPOLOGIES // 2)
-            own = noise_of(label, metric, case, "topologies").normal(size=TOPOLOGIES)
             if seed is None or case == settings.base("tcp"):
+                drawn = np.tile([-1.0, 1.0], TOPOLOGIES // 2)
+                own = noise_of(label, metric, case, "topologies").normal(size=TOPOLOGIES)
                 topologies[metric] = (mean + std * drawn + 0.1 * margin * own).tolist()
         return FlownCase(
             **case.setting._asdict(),
@@ -212,7 +212,7 @@ class World(NamedTuple):
         blocks = EPISODES // BLOCK
         mean = {}
         for metric in {*self.metrics} & {REWARD, *TABLED[:4]}:
-            noise = 0.1 * float(noise_of(label, metric, seed, "curve").normal())
+            noise = 0.1 * drawn_of(label, metric, seed, "curve")
             level = np.full(blocks, self.of(label, metric, "curve") + noise)
             level[-5:] += self.of(label, metric, "late")
             size = np.zeros(blocks)
@@ -266,7 +266,7 @@ def test_variances_of_updates_are_compared_with_the_square_of_the_factor(share, 
     rows = []
     for method, kappa in (("orchid", 0.5), ("orchid-decay-only", 0.5), ("orchid-kappa-0.1", 0.1)):
         for seed in SEEDS:
-            after = share * kappa**2 * (1.0 + 0.01 * noise_of(method, seed).normal())
+            after = share * kappa**2 * (1.0 + 0.01 * drawn_of(method, seed))
             variances = [1.0] * 100 + [after] * 600
             rows.append(make_row(method, seed, reset_episodes=[100], update_variances=variances))
     assert judged(BY_CLAIM["c27"], Evidence(rows, SEEDS), is_quick=False).tcp.verdict == verdict
