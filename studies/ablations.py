@@ -15,7 +15,6 @@ from orchid_uav.experiments.ablation.study import DOCUMENT_FILE
 from studies.recording import RESULTS, add_recording_options, require_commit, write_result
 
 ABLATIONS: dict[str, tuple[str, ...]] = {
-    "ablation_no_rf": ("--no-rf",),
     "ablation_controls": ("--no-rf", "--controls", "reset-only,decay-only"),
     "ablation_minibatch": ("--base", "ppo.minibatch=rows", "--set", "ppo.minibatch=slots"),
 }

@@ -22,11 +22,6 @@ from orchid_uav.experiments.reproduction.verdicts import Check
 INFORMED, TUNED = "orchid-informed", "orchid-tuned"
 
 
-def _walking_held(distribution: Distribution) -> list[Case]:
-    """Users that walk and hold their headings for 20 s, as ``orchid-informed`` was trained."""
-    return settings.speeds(distribution, settings.HEADINGS_S[-1])[1:]
-
-
 def _above_twin(base: str, cases: Sequence[Case]) -> Iterator[Check]:
     """A policy beside its zero-action twin."""
     for metric in (UTILITY, RATE, WORST):
@@ -62,17 +57,17 @@ def q3(distribution: Distribution) -> Iterator[Check]:
 
 def q4(distribution: Distribution) -> Iterator[Check]:
     """The policy on stations beside its twin."""
-    yield from _above_twin(INFORMED, _walking_held(distribution))
+    yield from _above_twin(INFORMED, settings.walking_held(distribution))
 
 
 def q5(distribution: Distribution) -> Iterator[Check]:
     """The policy on stations with and without Reset-and-Finetune."""
-    yield from _reset_and_finetune(INFORMED, _walking_held(distribution))
+    yield from _reset_and_finetune(INFORMED, settings.walking_held(distribution))
 
 
 def q6(distribution: Distribution) -> Iterator[Check]:
     """The policy on stations beside the controls of Reset-and-Finetune."""
-    yield from _what_does_it(INFORMED, _walking_held(distribution))
+    yield from _what_does_it(INFORMED, settings.walking_held(distribution))
 
 
 def q7(distribution: Distribution) -> Iterator[Check]:

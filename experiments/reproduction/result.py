@@ -3,6 +3,7 @@
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
 from statistics import median
+from typing import Any
 
 import numpy as np
 from pydantic import Field
@@ -16,7 +17,7 @@ from orchid_uav.experiments.reproduction.claims import CLAIMS, QUESTIONS, Claim
 from orchid_uav.experiments.reproduction.evidence import Evidence
 from orchid_uav.experiments.reproduction.needs import chosen
 from orchid_uav.experiments.reproduction.rows import Row
-from orchid_uav.experiments.reproduction.settings import DISTRIBUTIONS
+from orchid_uav.experiments.reproduction.settings import DISTRIBUTIONS, Case
 from orchid_uav.experiments.reproduction.trainings import SEEDS, TRAININGS
 from orchid_uav.experiments.reproduction.verdicts import (
     Judgement,
@@ -43,6 +44,8 @@ SENSITIVITIES = (
     *("orchid-n-init-10", "orchid-log-std-1", "orchid-log-std-2", "orchid-uniform"),
 )
 """Trainings that differ from ``orchid`` in one of the choices that the paper leaves open."""
+AMONG_UNIFORM = ("orchid-uniform", "orchid-no-rf-uniform")
+"""Those trained among uniform users, which are flown there as well."""
 TABLED = (
     *("coverage", "energy_efficiency_bit_per_joule", "rate_jfi", "load_jfi", "worst_rate_bps"),
     *("utility", "displacement_m", "nearest_uav_m", "user_snr_db", "blocking_pairs", "collisions"),
@@ -66,6 +69,8 @@ class JudgedClaim(Document):
     where: str
     figure: str
     note: str
+    command: list[str]
+    """Trains and flies what it needs, and judges it alone."""
     tcp: Judged
     uniform: Judged | None
 
@@ -75,6 +80,8 @@ class FlownMethod(Document):
 
     method: str
     purpose: str
+    command: list[str]
+    """Trains its first seed; empty for a rule."""
     seeds: int
     """Seeds that were trained; 0 for a rule."""
     deterministic: dict[str, SeedSummary]
@@ -83,6 +90,9 @@ class FlownMethod(Document):
     """Means of the zero-action twin; of a rule there is none."""
     beside_orchid: dict[str, Difference] = Field(default_factory=dict)
     """By metric: the method less the paper's policy, paired by training seed."""
+    walking: dict[str, SeedSummary] = Field(default_factory=dict)
+    """Where users walk and hold their headings for 20 s; empty where it was not flown there."""
+    walking_beside_orchid: dict[str, Difference] = Field(default_factory=dict)
     reset_episodes: list[list[int]] = Field(default_factory=list)
     """By seed."""
     actor_latency_us: float | None = None
@@ -93,6 +103,8 @@ class Sensitivity(Document):
 
     method: str
     purpose: str
+    users: Distribution
+    """Among whom it was flown."""
     gained: SeedSummary
     gained_by_orchid: SeedSummary
     difference: Comparison
@@ -142,6 +154,7 @@ def judged(claim: Claim, evidence: Evidence, is_quick: bool) -> JudgedClaim:
         where=claim.where,
         figure=claim.figure,
         note=claim.note,
+        command=["orchid", "reproduce", "--only", claim.key],
         tcp=of(tcp),
         uniform=of(uniform) if claim.by_distribution else None,
     )
@@ -155,13 +168,7 @@ def flown_methods(evidence: Evidence) -> list[FlownMethod]:
     return [
         *(_trained(key, evidence) for key in trained),
         *(
-            FlownMethod(
-                method=key,
-                purpose="",
-                seeds=0,
-                deterministic=_summaries(key, evidence),
-                beside_orchid=_beside_orchid(key, evidence),
-            )
+            FlownMethod(method=key, purpose="", command=[], seeds=0, **_flown(key, evidence))
             for key in rules
         ),
     ]
@@ -175,30 +182,43 @@ def _trained(key: str, evidence: Evidence) -> FlownMethod:
     return FlownMethod(
         method=key,
         purpose=TRAININGS[key].purpose,
+        command=list(TRAININGS[key].command(SEEDS[0])),
         seeds=len(rows),
-        deterministic=_summaries(key, evidence),
-        sampled=_summaries(key, evidence, deterministic=False),
+        sampled=_summaries(key, evidence, base, deterministic=False),
         twin={metric: float(value) for metric, value in twin.items() if np.isfinite(value)},
-        beside_orchid=_beside_orchid(key, evidence),
         reset_episodes=[row.reset_episodes for row in rows],
         actor_latency_us=median(latencies) if latencies else None,
+        **_flown(key, evidence),
     )
 
 
-def _summaries(key: str, evidence: Evidence, deterministic: bool = True) -> dict[str, SeedSummary]:
-    base = [settings.base("tcp")]
+def _flown(key: str, evidence: Evidence) -> dict[str, Any]:
+    """What a method or rule reaches without noise, and how far that is from ``orchid``."""
+    base, walking = [settings.base("tcp")], settings.walking_held("tcp")
+    found: dict[str, Any] = {
+        "deterministic": _summaries(key, evidence, base),
+        "beside_orchid": _beside_orchid(key, evidence, base),
+    }
+    if np.isfinite(evidence.flown(key, UTILITY, walking)).any():
+        found["walking"] = _summaries(key, evidence, walking)
+        found["walking_beside_orchid"] = _beside_orchid(key, evidence, walking)
+    return found
+
+
+def _summaries(
+    key: str, evidence: Evidence, cases: Sequence[Case], deterministic: bool = True
+) -> dict[str, SeedSummary]:
     return {
-        metric: describe_seeds(evidence.flown(key, metric, base, deterministic=deterministic))
+        metric: describe_seeds(evidence.flown(key, metric, cases, deterministic=deterministic))
         for metric in TABLED
     }
 
 
-def _beside_orchid(key: str, evidence: Evidence) -> dict[str, Difference]:
-    base = [settings.base("tcp")]
+def _beside_orchid(key: str, evidence: Evidence, cases: Sequence[Case]) -> dict[str, Difference]:
     if key == "orchid":
         return {}
     by_metric = {
-        metric: evidence.flown(key, metric, base) - evidence.flown("orchid", metric, base)
+        metric: evidence.flown(key, metric, cases) - evidence.flown("orchid", metric, cases)
         for metric in TABLED
     }
     return {
@@ -209,19 +229,21 @@ def _beside_orchid(key: str, evidence: Evidence) -> dict[str, Difference]:
 
 def sensitivities(evidence: Evidence) -> list[Sensitivity]:
     """What each open choice changes, as far as it was trained."""
-    base = [settings.base("tcp")]
-    gained = {key: evidence.gained(key, UTILITY, base) for key in ("orchid", *SENSITIVITIES)}
-    return [
-        Sensitivity(
-            method=key,
-            purpose=TRAININGS[key].purpose,
-            gained=describe_seeds(gained[key]),
-            gained_by_orchid=describe_seeds(gained["orchid"]),
-            difference=compare_pairs(gained["orchid"], gained[key], "higher", MARGINS[UTILITY]),
-        )
-        for key in SENSITIVITIES
-        if evidence.rows(key)
-    ]
+    tcp, uniform = DISTRIBUTIONS
+    flown = [*((key, tcp) for key in SENSITIVITIES), *((key, uniform) for key in AMONG_UNIFORM)]
+    return [_sensitivity(key, users, evidence) for key, users in flown if evidence.rows(key)]
+
+
+def _sensitivity(key: str, users: Distribution, evidence: Evidence) -> Sensitivity:
+    own, gained = (evidence.gained(one, UTILITY, [settings.base(users)]) for one in ("orchid", key))
+    return Sensitivity(
+        method=key,
+        purpose=TRAININGS[key].purpose,
+        users=users,
+        gained=describe_seeds(gained),
+        gained_by_orchid=describe_seeds(own),
+        difference=compare_pairs(own, gained, "higher", MARGINS[UTILITY]),
+    )
 
 
 def false_alarms(rows: Sequence[Row]) -> list[TriggerReplay]:

@@ -54,6 +54,11 @@ def speeds(distribution: Distribution, heading_hold_s: float) -> list[Case]:
     ]
 
 
+def walking_held(distribution: Distribution) -> list[Case]:
+    """Users that walk and hold their headings for 20 s, as ``orchid-informed`` was trained."""
+    return speeds(distribution, HEADINGS_S[-1])[1:]
+
+
 def errors(distribution: Distribution) -> list[Case]:
     """Phase I that sees users where they are, 50 and 150 m off."""
     return [Case(Setting(distribution), error_m) for error_m in SENSING_ERRORS_M]

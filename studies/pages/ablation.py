@@ -18,7 +18,8 @@ from studies.pages.guards import must_hold
 from studies.pages.markdown import FIGURES, ROOT, recorded, table
 from studies.recording import read_ablation
 
-NAME, CONTROLS, MINIBATCH = "ablation_no_rf", "ablation_controls", "ablation_minibatch"
+NAME, MINIBATCH = "ablation_controls", "ablation_minibatch"
+WITHOUT = "no-rf"
 CURVES = FIGURES / f"{NAME}.png"
 _HEADS = ("metric", "difference [95 %]", "relative", "P(better)", "p (Holm)", "verdict")
 
@@ -49,7 +50,7 @@ def _better_seeds(document: AblationResult, name: str) -> str:
 
 def _check_effects(document: AblationResult) -> None:
     """Check that Reset-and-Finetune shows a small difference in training, and none elsewhere."""
-    found = {kind: document.comparisons[kind]["no-rf"] for kind in document.comparisons}
+    found = {kind: document.comparisons[kind][WITHOUT] for kind in document.comparisons}
     unseen = [one.verdict for kind in ("evaluation", "sampled") for one in found[kind].values()]
     must_hold(
         set(unseen) <= {"equivalent", "no difference shown"}
@@ -60,7 +61,7 @@ def _check_effects(document: AblationResult) -> None:
     for metric in ("reward", "rate_jfi", "load_jfi"):
         own, without = (
             [run.training[metric] for run in runs if run.variant == name]
-            for name in (BASE, "no-rf")
+            for name in (BASE, WITHOUT)
         )
         must_hold(
             all(lower < higher for lower, higher in zip(without, own, strict=True))
@@ -69,7 +70,7 @@ def _check_effects(document: AblationResult) -> None:
             f"{metric} is lower in every seed without it, within the margin",
         )
     for metric in ("energy_efficiency_bit_per_joule", "load_jfi"):
-        without, own = (document.late_changes[name][metric].ci95 for name in ("no-rf", BASE))
+        without, own = (document.late_changes[name][metric].ci95 for name in (WITHOUT, BASE))
         must_hold(without[0] > 0.0 and own[0] < 0.0 < own[1], "both rise; with it nothing changes")
 
 
@@ -77,12 +78,12 @@ def summary_block() -> str:
     """The results in words, which are checked against the document's numbers."""
     document = read_ablation(NAME)
     _check_effects(document)
-    flown, trained = (document.comparisons[kind]["no-rf"] for kind in ("evaluation", "training"))
+    flown, trained = (document.comparisons[kind][WITHOUT] for kind in ("evaluation", "training"))
     low, high = flown["rate_jfi"].difference.ci95
     metrics = ("reward", "rate_jfi", "load_jfi")
     losses = ", ".join(f"{-trained[metric].relative:.1%}" for metric in metrics)
     p_value = max(trained[metric].p_holm for metric in metrics)
-    late = document.late_changes["no-rf"]
+    late = document.late_changes[WITHOUT]
     rises = " and ".join(
         f"{METRICS[metric].title} {signed(metric, late[metric].iqm)}"
         for metric in ("energy_efficiency_bit_per_joule", "load_jfi")
@@ -94,7 +95,7 @@ def summary_block() -> str:
         for name, values in document.values[kind].items()
     }
     for kind, reference in (("evaluation", zero), ("sampled", alone)):
-        both = (utility[kind, BASE], utility[kind, "no-rf"])
+        both = (utility[kind, BASE], utility[kind, WITHOUT])
         must_hold(max(both) < reference, "both policies are worse than doing nothing")
     firings = [run.reset_episodes[0] for run in document.runs if run.variant == BASE]
     first = min(firings)
@@ -128,7 +129,7 @@ def summary_block() -> str:
 
 def effects_block() -> str:
     """What Reset-and-Finetune changes: the differences of the variant without it, first."""
-    return _effects(NAME, "with", "without")
+    return _effects(NAME, WITHOUT, "with", "without")
 
 
 def minibatch_block() -> str:
@@ -158,21 +159,22 @@ def minibatch_block() -> str:
         f"{zero:.3f} in utility). A run takes {shown[variant]:.0f} seconds instead of "
         f"{shown[BASE]:.0f} (medians, beside other work on the machine)."
     )
-    return "\n\n".join([textwrap.fill(words, 104), _effects(MINIBATCH, "rows", "slots")])
+    return "\n\n".join([textwrap.fill(words, 104), _effects(MINIBATCH, variant, "rows", "slots")])
 
 
 def _seconds(document: AblationResult, name: str) -> float:
     return statistics.median(run.seconds for run in document.runs if run.variant == name)
 
 
-def _effects(name: str, base: str, variant: str) -> str:
-    """Tables of an ablation with one variant."""
+def _effects(name: str, shown: str, base: str, variant: str) -> str:
+    """Tables of one variant of an ablation, with names for the base and for it."""
     document = read_ablation(name)
     parts = []
     for kind, title in KINDS.items():
         rows = [
             [metric, *cells[: len(_HEADS) - 1], first, second]
-            for _, metric, *cells, first, second, _ in comparison_rows(document, kind)
+            for name_of, metric, *cells, first, second, _ in comparison_rows(document, kind)
+            if name_of == shown
         ]
         heads = [*_HEADS, f"{base} (IQM)", f"{variant} (IQM)"]
         parts += [f"**{title.capitalize()}**", table(heads, rows)]
@@ -181,7 +183,7 @@ def _effects(name: str, base: str, variant: str) -> str:
 
 def controls_block() -> str:
     """Which half of Reset-and-Finetune has which effect."""
-    document = read_ablation(CONTROLS)
+    document = read_ablation(NAME)
     rows = [
         [f"`{name}`", METRICS[metric].heading, *_control_cells(document, name, metric)]
         for name in document.comparisons["training"]
@@ -199,7 +201,7 @@ def controls_block() -> str:
         [
             table(heads, rows, words=2),
             table(["utility, IQM of seeds", "deterministic", "sampled", zero], utility),
-            _source(document, CONTROLS),
+            _source(document),
         ]
     )
 
@@ -220,7 +222,7 @@ def twins_block() -> str:
     """The policies beside their twins and the rules."""
     document = read_ablation(NAME)
     rows = []
-    for name in document.values["evaluation"]:
+    for name in (BASE, WITHOUT):
         for kind, suffix in (("evaluation", ""), ("sampled", ", sampled")):
             values = document.values[kind][name]
             shown = [METRICS[metric].text(values[metric].iqm) for metric in FLOWN]
@@ -252,7 +254,7 @@ def late_block() -> str:
     rows = []
     for metric in TRAINED:
         cells = []
-        for name in (BASE, "no-rf"):
+        for name in (BASE, WITHOUT):
             change = document.late_changes[name][metric]
             low, high = change.ci95 or (None, None)
             ends = f" [{signed(metric, low)}, {signed(metric, high)}]" if low is not None else ""
@@ -271,7 +273,7 @@ def trigger_block() -> str:
         for run in document.runs
         if run.variant == BASE
     ]
-    heads, rows = trigger_table(document.replayed_trigger["no-rf"])
+    heads, rows = trigger_table(document.replayed_trigger[WITHOUT])
     return (
         f"Episodes at which it fired, by seed: {'; '.join(fired)}.\n\n"
         "Replayed on the runs without it, for other windows and tolerances, with the median of the "
@@ -314,8 +316,8 @@ def draw_ablations() -> list[Path]:
 
     document = read_ablation(NAME)
     curves = document.learning_curves
-    looks = line_styles([BASE, "no-rf"])
-    labels = {BASE: "with Reset-and-Finetune", "no-rf": "without"}
+    looks = line_styles([BASE, WITHOUT])
+    labels = {BASE: "with Reset-and-Finetune", WITHOUT: "without"}
     shown = [name for name in TRAINED if name != "coverage"]  # coverage is 1 throughout
     with style.context(["default", STYLE]):
         figure = Figure((PAGE_IN, 4.4), layout="constrained")

@@ -7,7 +7,7 @@ from typing import Any
 
 from orchid_uav.experiments.configuration import flatten
 from orchid_uav.experiments.evaluation.methods import COMMANDS, RELEASED
-from orchid_uav.experiments.metrics import HEADLINE, HEADROOM, METRICS
+from orchid_uav.experiments.metrics import HEADLINE, METRICS
 from orchid_uav.experiments.runs.directory import read_episodes
 from orchid_uav.experiments.runs.records import read_config, read_record
 from orchid_uav.experiments.statistics.results import EvaluationSummary
@@ -15,7 +15,6 @@ from studies.evaluations import PLANNER_BUDGETS
 from studies.pages.markdown import (
     FIGURES,
     ROOT,
-    Result,
     cell,
     metrics_table,
     recorded,
@@ -26,37 +25,8 @@ from studies.recording import read, read_evaluation
 
 REFERENCE = ROOT / "runs" / "reference"
 UAV_METRICS = ("energy_efficiency_bit_per_joule", "rate_jfi", "load_jfi", "worst_rate_bps")
-README_METHODS = (
-    *("orchid", "orchid-zero", "orchid-no-rf", "orchid-tuned", "orchid-tuned-zero"),
-    *("maddpg-mmf", "maddpg-mmf-zero", "maddpg-mmf-paper", "static-mmf", "loiter-mmf"),
-    *("balanced-loiter", "balanced-loiter-120", "orchid-informed", "orchid-informed-zero"),
-    *("orchid-distilled", "orchid-distilled-zero"),
-    *("best-response", "receding-horizon", "planner"),
-)
-README_METRICS = (
-    *("energy_efficiency_bit_per_joule", "rate_jfi", "load_jfi", "worst_rate_bps"),
-    *("utility", HEADROOM),
-)
 CURVES = ("reward", "energy_efficiency_bit_per_joule", "rate_jfi", "load_jfi")
 CURVE_WINDOW = 50
-
-
-def coverage_sentence(results: Sequence[Result]) -> str:
-    """Who is covered, since the coverage of the target users alone is 1.000 nearly everywhere."""
-    if "total_coverage" not in results[0].metrics:
-        return ""
-    found = {
-        metric: [METRICS[metric].text(result.metrics[metric].mean) for result in results]
-        for metric in ("coverage", "total_coverage", "gbs_coverage")
-    }
-    own, total, gbs = (
-        least if least == greatest else f"{least} to {greatest}"
-        for least, greatest in ((min(texts), max(texts)) for texts in found.values())
-    )
-    return (
-        f"The drones cover {own} of their own users (*target users*), and {total} of all users are "
-        f"covered: of those left to it, the ground station reaches {gbs}.\n"
-    )
 
 
 def commands_block() -> str:
@@ -245,27 +215,6 @@ def run_index_block() -> str:
     )
 
 
-def readme_block() -> str:
-    """The figures of the UAV study and one table."""
-    document = read_evaluation("methods")
-    found = {result.method: result for result in document.results if result.deterministic}
-    results = [found[method] for method in README_METHODS]
-    return "\n\n".join(
-        [
-            "![Energy efficiency over the number of UAVs]"
-            "(docs/figures/uavs_energy_efficiency_bit_per_joule.png)\n"
-            "![Rate fairness over the number of UAVs](docs/figures/uavs_rate_jfi.png)",
-            "6 UAVs, 100 users, 100 unseen topologies; mean ± standard deviation over topologies:",
-            metrics_table(results, README_METRICS),
-            f"{coverage_sentence(results)}"
-            "Share of the headroom: 0 is `loiter-mmf`, 100 the planner, and below 0 is worse than "
-            "circling.\nOne training seed each, deterministic policies; all methods and metrics, "
-            "and how they were measured: [evaluation](docs/evaluation.md).\n"
-            + source("methods", document),
-        ]
-    )
-
-
 def draw_studies() -> list[Path]:
     """Draw the figures of the UAV study and the training curves."""
     from orchid_uav.experiments.figures.evaluation_figures import draw_figures
@@ -307,6 +256,5 @@ EVALUATION_BLOCKS = {
     "restarts study": (ROOT / "docs" / "evaluation.md", restarts_block),
     "mobility study": (ROOT / "docs" / "evaluation.md", mobility_block),
     "run index": (ROOT / "docs" / "runs.md", run_index_block),
-    "evaluation": (ROOT / "README.md", readme_block),
 }
 """Page and content of every block, by the name in its markers."""

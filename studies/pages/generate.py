@@ -23,10 +23,12 @@ from studies.pages.evaluation import EVALUATION_BLOCKS, draw_studies
 from studies.pages.figure_sources import record_sources
 from studies.pages.findings import FINDING_BLOCKS
 from studies.pages.flying import FLYING_BLOCKS, draw_flying
+from studies.pages.headline import HEADLINE_BLOCKS
 from studies.pages.pendulum import PENDULUM_BLOCKS, draw_pendulum
 from studies.pages.performance import render as performance_page
 from studies.pages.planning import PLANNING_BLOCKS
 from studies.pages.results import RESULTS_BLOCKS
+from studies.pages.results_details import RESULTS_DETAILS_BLOCKS
 from studies.pages.results_figures import RESULTS_FIGURES_BLOCKS, draw_reproduction
 from studies.pages.results_words import RESULTS_WORDS_BLOCKS
 from studies.pages.torture import TORTURE_BLOCKS
@@ -120,6 +122,7 @@ _BLOCKS: Mapping[str, tuple[Path, Callable[[], str]]] = {
     **ABLATION_BLOCKS,
     **VALIDATION_BLOCKS,
     **FINDING_BLOCKS,
+    **HEADLINE_BLOCKS,
     **PENDULUM_BLOCKS,
     **BATCHES_BLOCKS,
     **FLYING_BLOCKS,
@@ -127,6 +130,7 @@ _BLOCKS: Mapping[str, tuple[Path, Callable[[], str]]] = {
     **CLAIMS_BLOCKS,
     **RESULTS_BLOCKS,
     **RESULTS_WORDS_BLOCKS,
+    **RESULTS_DETAILS_BLOCKS,
     **RESULTS_FIGURES_BLOCKS,
     **TORTURE_BLOCKS,
     **TORTURE_FUZZ_BLOCKS,

@@ -7,12 +7,13 @@ from statistics import median
 from orchid_uav.experiments.provenance import CHANGES
 from orchid_uav.experiments.reproduction.campaign import Campaign
 from orchid_uav.experiments.reproduction.report.effects import (
+    finding_text,
     interval_text,
     least_text,
     mean_text,
     scale_of,
 )
-from orchid_uav.experiments.reproduction.result import JudgedClaim, Reproduction
+from orchid_uav.experiments.reproduction.result import Judged, JudgedClaim, Reproduction
 from orchid_uav.experiments.reproduction.rows import Row
 from orchid_uav.experiments.reproduction.trainings import SEEDS, TRAININGS
 from orchid_uav.experiments.reproduction.verdicts import Judgement
@@ -95,6 +96,17 @@ def verdicts_block() -> str:
     return "\n\n".join(lines)
 
 
+def uniform_block() -> str:
+    """What the verdicts among uniform users rest on."""
+    found = result()
+    rows = [
+        [claim.key.upper(), f"**{claim.uniform.verdict}**", _told_of(claim.uniform)]
+        for claim in (*found.claims, *found.questions)
+        if claim.uniform and is_measured(claim)
+    ]
+    return table(["", "verdict", "what was compared"], rows, words=3)
+
+
 def is_measured(claim: JudgedClaim) -> bool:
     """Whether all comparisons of a claim have all of their pairs, among all users."""
     checks = [*claim.tcp.checks, *(claim.uniform.checks if claim.uniform else ())]
@@ -103,19 +115,27 @@ def is_measured(claim: JudgedClaim) -> bool:
 
 def _row(claim: JudgedClaim) -> list[str]:
     uniform = claim.uniform.verdict if claim.uniform else None
-    checks = "<br>".join(_told(check) for check in claim.tcp.checks) or "nothing: " + claim.note
+    checks = _told_of(claim.tcp) or "nothing: " + claim.note
     verdict = f"**{claim.tcp.verdict}**"
     return [claim.key.upper(), claim.says, verdict, uniform or "–", checks]
 
 
+def _told_of(judged: Judged) -> str:
+    return "<br>".join(_told(check) for check in judged.checks)
+
+
 def _told(check: Judgement) -> str:
-    parts = [f"{check.what}, {scale_of(check).title}: {mean_text(check)}", interval_text(check)]
+    title = scale_of(check).title
+    what = check.what.removesuffix(", relative spread")
+    what = what if title in what else f"{what}, {title}"
+    parts = [f"{what}: {mean_text(check)}", interval_text(check)]
     if least := least_text(check):
         parts.append(f"({least})")
-    return f"{' '.join(filter(None, parts))}: {check.finding}"
+    return f"{' '.join(filter(None, parts))}: {finding_text(check)}"
 
 
 RESULTS_BLOCKS = {
     "results progress": (PAGE, progress_block),
     "results verdicts": (PAGE, verdicts_block),
+    "results verdicts among uniform users": (PAGE, uniform_block),
 }

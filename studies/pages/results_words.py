@@ -4,7 +4,7 @@ import functools
 import statistics
 import tomllib
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,8 +13,10 @@ from orchid_uav.experiments.configuration import RunConfig
 from orchid_uav.experiments.reproduction import settings
 from orchid_uav.experiments.reproduction.checks import (
     EFFICIENCY,
+    LOAD,
     MARGINS,
     NEAREST,
+    PAIRS,
     RATE,
     STATIC,
     STATIC_MMF,
@@ -26,11 +28,12 @@ from orchid_uav.experiments.reproduction.checks import (
 from orchid_uav.experiments.reproduction.evidence import Evidence
 from orchid_uav.experiments.reproduction.needs import needed_for
 from orchid_uav.experiments.reproduction.report.effects import interval_text, mean_text
-from orchid_uav.experiments.reproduction.report.methods import signed
+from orchid_uav.experiments.reproduction.report.methods import difference_text, signed
 from orchid_uav.experiments.reproduction.result import JudgedClaim
 from orchid_uav.experiments.reproduction.verdicts import Judgement, judge_checks
-from orchid_uav.experiments.statistics.comparison import ALPHA
+from orchid_uav.experiments.statistics.comparison import ALPHA, Difference, describe_differences
 from studies.movements import FOLDER
+from studies.pages.guards import must_hold
 from studies.pages.markdown import recorded, table
 from studies.pages.results import PAGE, is_measured, result, rows_read
 from studies.recording import ROOT, read
@@ -81,6 +84,7 @@ def told_of(claim: JudgedClaim, sentence: Sentence) -> str:
         *map(_difference, claim.tcp.checks),
         uniform=[_difference(check) for check in claim.uniform.checks] if claim.uniform else [],
         hovering=_by_sharing(),
+        also=_also(),
         distance_margin_m=MARGINS[NEAREST],
         utility_margin=MARGINS[UTILITY],
         variance_margin=MARGINS[VARIANCE_RATIO],
@@ -106,6 +110,47 @@ def _by_sharing() -> Mapping[str, str]:
     ]
     judged = judge_checks(checks, Evidence(rows_read()))
     return {check.metric: mean_text(check) for check in judged}
+
+
+@functools.cache
+def _also() -> Mapping[str, str]:
+    """Differences beside those of the claims, by what they are called in the sentences."""
+    evidence, base = Evidence(rows_read()), [settings.base("tcp")]
+    walking = settings.walking_held("tcp")
+    fastest = walking[-1:]
+    learned, alone = (
+        evidence.flown(key, EFFICIENCY, base, deterministic=False)
+        for key in ("orchid", "orchid-frozen")
+    )
+    found = {
+        "noise": (EFFICIENCY, learned - alone),
+        "best_response": (
+            UTILITY,
+            evidence.flown("orchid-informed", UTILITY, walking)
+            - evidence.flown("best-response", UTILITY, walking),
+        ),
+        "pairs_walking": (PAIRS, evidence.gained("orchid-informed", PAIRS, walking)),
+        "pairs_staying": (PAIRS, evidence.gained("orchid-informed", PAIRS, base)),
+    }
+    told = {}
+    for name, (metric, values) in found.items():
+        difference = describe_differences(values)
+        must_hold(_SIDES[name](difference), f"{name} is on the side that the sentence says")
+        told[name] = difference_text(metric, difference)
+    for name, metric in (("twin_rate", RATE), ("twin_load", LOAD)):
+        fast, still = (evidence.flown("orchid-zero", metric, one)[0] for one in (fastest, base))
+        must_hold(fast > still, "the twin's fairness does not fall either")
+        told[name] = signed(metric, fast - still)
+    return told
+
+
+_SIDES: Mapping[str, Callable[[Difference], bool]] = {
+    "noise": lambda one: one.ci95[0] < 0.0 < one.ci95[1],
+    "best_response": lambda one: one.ci95[1] < 0.0,
+    "pairs_walking": lambda one: one.ci95[1] < 0.0,
+    "pairs_staying": lambda one: one.ci95[0] > 0.0,
+}
+"""What the sentences say of these differences."""
 
 
 def _difference(check: Judgement) -> str:
@@ -182,31 +227,6 @@ def _fired(one: TriggerReplay) -> str:
     return f"{one.fired} of {one.runs}{at}"
 
 
-def sensitivities_block() -> str:
-    """What other choices change where the paper leaves one open; those with all of their seeds."""
-    rows = []
-    for one in result().sensitivities:
-        if one.method in result().waiting:
-            continue
-        ends = one.difference.difference.ci95 or []
-        told = " to ".join(signed(UTILITY, end) for end in ends)
-        rows.append(
-            [
-                f"`{one.method}`",
-                one.purpose,
-                signed(UTILITY, one.gained.mean),
-                f"{signed(UTILITY, one.difference.difference.mean)} [{told}]",
-            ]
-        )
-    heads = ["training", "what differs", "gains", "that is, beside `orchid` [95 %]"]
-    own = next(iter(result().sensitivities)).gained_by_orchid.mean
-    return (
-        f"{table(heads, rows, words=2)}\n\nUtility beyond that of the policy's own twin, in the "
-        f"paper's network, without noise; `orchid` gains {signed(UTILITY, own)}. "
-        "Means over ten seeds."
-    )
-
-
 def waiting_block() -> str:
     """What is missing for the claims that are not decided."""
     found = result()
@@ -227,6 +247,5 @@ RESULTS_WORDS_BLOCKS = {
     "results in words": (PAGE, words_block),
     "results movements": (PAGE, movements_block),
     "results trigger": (PAGE, trigger_block),
-    "results sensitivities": (PAGE, sensitivities_block),
     "results waiting": (PAGE, waiting_block),
 }

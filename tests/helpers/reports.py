@@ -12,6 +12,7 @@ from orchid_uav.experiments.reproduction.claims import CLAIMS, QUESTIONS, Claim
 from orchid_uav.experiments.reproduction.figures.drawn import DrawnFigure
 from orchid_uav.experiments.reproduction.job import RULES
 from orchid_uav.experiments.reproduction.result import (
+    AMONG_UNIFORM,
     SCHEMA,
     SENSITIVITIES,
     TABLED,
@@ -51,7 +52,7 @@ def make_judgement(check: Check, finding: Finding) -> Judgement:
         expected=check.expected,
         margin=check.margin,
         finding=finding,
-        is_within_margin=False,
+        is_within_margin=finding == "no" and bool(drawn.integers(2)),
         n=10,
         units=10,
         one=one,
@@ -80,6 +81,7 @@ def make_claim(claim: Claim, findings: Sequence[Finding], is_quick: bool) -> Jud
         where=claim.where,
         figure=claim.figure,
         note=claim.note,
+        command=["orchid", "reproduce", "--only", claim.key],
         tcp=judged("tcp"),
         uniform=judged("uniform") if claim.by_distribution else None,
     )
@@ -115,28 +117,28 @@ def make_method(method: str) -> FlownMethod:
     seeds = 0 if is_rule else len(SEEDS)
     summaries = {metric: make_summary(method, metric, 10) for metric in TABLED}
     beside = {metric: make_difference(method, metric) for metric in TABLED if method != "orchid"}
+    flown: dict[str, Any] = {"deterministic": summaries, "beside_orchid": beside}
     if is_rule:
-        return FlownMethod(
-            method=method, purpose="", seeds=0, deterministic=summaries, beside_orchid=beside
-        )
+        return FlownMethod(method=method, purpose="", command=[], seeds=0, **flown)
     return FlownMethod(
         method=method,
         purpose=TRAININGS[method].purpose,
+        command=list(TRAININGS[method].command(SEEDS[0])),
         seeds=seeds,
-        deterministic=summaries,
+        **flown,
         sampled={metric: make_summary(f"{method} sampled", metric, 10) for metric in TABLED},
         twin={metric: USUAL[metric] for metric in TABLED},
-        beside_orchid=beside,
         reset_episodes=[[100 + seed] for seed in SEEDS],
         actor_latency_us=25.0,
     )
 
 
-def make_sensitivity(method: str) -> Sensitivity:
+def make_sensitivity(method: str, users: Distribution = "tcp") -> Sensitivity:
     """A training with another choice that gains a little."""
     return Sensitivity(
         method=method,
         purpose=TRAININGS[method].purpose,
+        users=users,
         gained=make_summary(method, UTILITY, 10),
         gained_by_orchid=make_summary("orchid", UTILITY, 10),
         difference=compare_pairs([0.1] * 10, [0.123] * 10, "higher", MARGINS[UTILITY]),
@@ -166,7 +168,10 @@ def make_document(is_quick: bool = False, **fields: Any) -> Reproduction:
         "claims": make_claims(CLAIMS, is_quick),
         "questions": make_claims(QUESTIONS, is_quick),
         "methods": [make_method(key) for key in (*TRAININGS, *RULES)],
-        "sensitivities": [make_sensitivity(key) for key in SENSITIVITIES],
+        "sensitivities": [
+            *(make_sensitivity(key) for key in SENSITIVITIES),
+            *(make_sensitivity(key, "uniform") for key in AMONG_UNIFORM),
+        ],
         "false_alarms": [
             TriggerReplay(
                 window=window, tolerance=0.05, runs=10, fired=fired, median_episode=episode

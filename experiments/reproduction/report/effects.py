@@ -62,9 +62,20 @@ def badge(verdict: Verdict | None) -> Markup:
     return _badge(sign, kind, verdict or "no verdict")
 
 
-def finding_badge(finding: Finding) -> Markup:
+def finding_badge(check: Judgement) -> Markup:
     """The finding of one check, with its sign."""
-    return _badge(*_FINDINGS[finding], finding)
+    return _badge(*_FINDINGS[check.finding], finding_text(check))
+
+
+def finding_text(check: Judgement) -> str:
+    """The finding of one check; of a "no" also why: too small a difference is not the opposite."""
+    if check.finding != "no":
+        return check.finding
+    if check.is_within_margin:
+        return "no (less than counts)"
+    return {"equal": "no (it differs)", "not lower": "no (it is lower)"}.get(
+        check.expected, "no (the opposite)"
+    )
 
 
 def _badge(sign: str, kind: str, word: str) -> Markup:

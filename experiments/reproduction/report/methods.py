@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 
+from orchid_uav.envs.parameters import Distribution
 from orchid_uav.experiments.ablation.result import TriggerReplay
 from orchid_uav.experiments.evaluation.method_keys import RELEASED, RULE_IDEAS
 from orchid_uav.experiments.markup import Markup, element, table
@@ -9,6 +10,7 @@ from orchid_uav.experiments.metrics import METRICS
 from orchid_uav.experiments.reproduction.checks import RATE, UTILITY, WORST
 from orchid_uav.experiments.reproduction.report.effects import MINUS, code
 from orchid_uav.experiments.reproduction.result import (
+    AMONG_UNIFORM,
     SENSITIVITIES,
     TABLED,
     FlownMethod,
@@ -25,6 +27,10 @@ OWN = ("orchid-informed", "balanced-loiter", "balanced-loiter-120", "best-respon
 """What this project adds, beside the paper's method."""
 _GAINED = (UTILITY, RATE, WORST)
 _SCALES = {metric: METRICS[metric] for metric in TABLED}
+_CHOICES = len(SENSITIVITIES) + len(AMONG_UNIFORM)
+USERS: Mapping[Distribution, str] = {"tcp": "in hotspots", "uniform": "spread evenly"}
+_Added = tuple[FlownMethod, Mapping[str, SeedSummary], Mapping[str, Difference]]
+"""A method, what it reaches, and what of that is beyond the paper's policy."""
 
 
 def beside_twins(methods: Sequence[FlownMethod]) -> list[Markup]:
@@ -130,11 +136,10 @@ def what_is_added(methods: Sequence[FlownMethod]) -> list[Markup]:
     own = [by_key[key] for key in OWN if key in by_key]
     if paper is None or not own:
         return [_nothing()]
-    heads = ["Method", "What it is"]
-    for metric in _GAINED:
-        heads += [_SCALES[metric].heading, "beside the paper's"]
     shown = [paper, *own]
-    rows = [[code(method.method), _idea(method.method), *_beside(method)] for method in shown]
+    staying = [(one, one.deterministic, one.beside_orchid) for one in shown]
+    walking = [(one, one.walking, one.walking_beside_orchid) for one in shown if one.walking]
+    walked = "Where users walk at 5 to 15 m/s and hold their headings for 20 s, flown without noise"
     return [
         element(
             "p",
@@ -144,25 +149,37 @@ def what_is_added(methods: Sequence[FlownMethod]) -> list[Markup]:
             " is the paper's own sum of what should be good. Differences are paired by training "
             "seed, with their 95\u00a0% intervals, and without a verdict.",
         ),
-        table("In the paper's network, flown without noise", heads, rows),
+        _added_table("In the paper's network, flown without noise", staying),
+        *([_added_table(walked, walking)] if len(walking) > 1 else []),
     ]
+
+
+def _added_table(caption: str, shown: Sequence[_Added]) -> Markup:
+    heads = ["Method", "What it is"]
+    for metric in _GAINED:
+        heads += [_SCALES[metric].heading, "beside the paper's"]
+    rows = [
+        [code(method.method), _idea(method.method), *_beside(reached, beside)]
+        for method, reached, beside in shown
+    ]
+    return table(caption, heads, rows)
 
 
 def _idea(key: str) -> Markup:
     return element("td", (RELEASED | RULE_IDEAS)[key], class_="wrapped")
 
 
-def _beside(method: FlownMethod) -> list[str]:
+def _beside(reached: Mapping[str, SeedSummary], beside: Mapping[str, Difference]) -> list[str]:
     cells = []
     for metric in _GAINED:
-        summary = method.deterministic.get(metric)
+        summary = reached.get(metric)
         mean = None if summary is None else summary.mean
         cells.append("–" if mean is None else _text(metric, mean))
-        cells.append(_difference(metric, method.beside_orchid.get(metric)))
+        cells.append(difference_text(metric, beside.get(metric)))
     return cells
 
 
-def _difference(metric: str, difference: Difference | None) -> str:
+def difference_text(metric: str, difference: Difference | None) -> str:
     """A mean difference with its interval, where there is one."""
     if difference is None or difference.mean is None:
         return "–"
@@ -182,15 +199,16 @@ def sensitivities(found: Sequence[Sensitivity]) -> list[Markup]:
     """What other choices change where the paper leaves one open."""
     if not found:
         return [_nothing()]
-    heads = ["Training", "What differs", "It gains", "orchid gains"]
+    heads = ["Training", "What differs", "Flown among users", "It gains", "orchid gains"]
     heads += ["Difference [95 % interval]", "Pairs"]
     rows = [
         [
             code(one.method),
             element("td", one.purpose, class_="wrapped"),
+            USERS[one.users],
             _gained(one.gained),
             _gained(one.gained_by_orchid),
-            _difference(UTILITY, one.difference.difference),
+            difference_text(UTILITY, one.difference.difference),
             f"{one.difference.n} of {one.difference.seeds}",
         ]
         for one in found
@@ -201,7 +219,7 @@ def sensitivities(found: Sequence[Sensitivity]) -> list[Markup]:
             "Where the paper leaves a choice open, or states two values, other ones were trained "
             "as well. Shown is the utility that a policy gains over its own twin.",
         ),
-        table(f"{len(found)} of {len(SENSITIVITIES)} other choices", heads, rows),
+        table(f"{len(found)} of {_CHOICES} flights of other choices", heads, rows),
     ]
 
 

@@ -28,7 +28,7 @@ td small, th small { color: var(--quiet); font-size: 0.86em; }
 .claims td > .badge { display: inline-block; }
 .claims td:nth-child(3) small { margin-top: 0.25rem; }
 .claims td:nth-child(3) { white-space: nowrap; }
-.claims td:nth-child(5), .claims td:nth-child(6), .claims td:nth-child(7) { white-space: nowrap; }
+.claims td:nth-child(5), .claims td:nth-child(6), .claims td:nth-child(7) a { white-space: nowrap; }
 .claim { border-top: 1px solid var(--line); margin: 0; padding: 0.45rem 0; }
 .claim > summary { font-weight: 400; } .claim[open] { padding-bottom: 1rem; }
 .claim .badge { margin: 0 0.3rem; }
@@ -46,7 +46,7 @@ nav li { margin: 0; padding: 0.15rem 0; break-inside: avoid; }
 @media screen and (max-width: 48rem) {
   .claims .wide { overflow: visible; }
   .claims table, .claims tbody, .claims tr, .claims td, .claims caption { display: block; }
-  .claims thead { position: absolute; clip-path: inset(50%); }
+  .claims thead { position: absolute; clip-path: inset(50%); width: 1px; overflow: hidden; }
   .claims tr { border-top: 2px solid var(--line); padding: 0.5rem 0; }
   .claims th, .claims td { border: 0; padding: 0.15rem 0; min-width: 0 !important; }
   .claims td::before { content: attr(data-label) ": "; color: var(--quiet); font-size: 0.86em; }

@@ -1,5 +1,6 @@
 """The parts of the report about claims and questions."""
 
+import shlex
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import get_args
@@ -8,6 +9,7 @@ from orchid_uav.experiments.markup import Markup, element, joined, table
 from orchid_uav.experiments.reproduction.figures.drawn import DrawnFigure
 from orchid_uav.experiments.reproduction.report.effects import (
     badge,
+    code,
     counted,
     decisive,
     finding_badge,
@@ -57,7 +59,7 @@ def at_a_glance(claims: Sequence[JudgedClaim], is_quick: bool) -> list[Markup]:
 def claims_table(caption: str, claims: Sequence[JudgedClaim], figures: Figures) -> Markup:
     """A line for each claim, with the comparison that its verdict hangs on."""
     heads = ["", "Claim", "Verdict", "What decides", "Difference [95 % interval]", "Pairs"]
-    heads.append("Figure")
+    heads.append("Figure and command")
     rows = [_line(claim, figures) for claim in claims]
     return element("div", table(caption, heads, rows), class_="claims")
 
@@ -87,7 +89,8 @@ def _line(claim: JudgedClaim, figures: Figures) -> list[Markup]:
         difference += [element("small", least)] if least else []
         cells += [("What decides", [*words]), ("Difference", [*difference])]
         cells += [("Pairs", [pairs_text(check)])]
-    cells.append(("Figure", [shown]))
+    command = element("small", code(shlex.join(claim.command)))
+    cells.append(("Figure and command", [shown, command]))
     return [
         element("a", key, href=f"#{claim.key}"),
         *(element("td", *content, data_label=label) for label, content in cells),
@@ -169,7 +172,7 @@ def _check(check: Judgement, told: bool) -> list[str]:
         "<\u00a00.001" if p_value == "0.000" else p_value,
         pairs_text(check),
         scale.text(check.least_detectable_effect),
-        element("td", finding_badge(check.finding) if told else "–"),
+        element("td", finding_badge(check) if told else "–"),
     ]
 
 

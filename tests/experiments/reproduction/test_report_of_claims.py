@@ -68,6 +68,15 @@ def numbers_in(text):
     return [float(found) for found in re.findall(r"[+-]?\d+(?:\.\d+)?", text.replace("−", "-"))]
 
 
+def found_in_words(check):
+    if check.finding != "no":
+        return check.finding
+    if check.is_within_margin:
+        return "no (less than counts)"
+    others = {"equal": "no (it differs)", "not lower": "no (it is lower)"}
+    return others.get(check.expected, "no (the opposite)")
+
+
 class TestAsAPage:
     def test_it_is_nested_well_and_asks_for_nothing_from_anywhere(self, page, quick):
         for one in (page, quick):
@@ -167,11 +176,12 @@ class TestVerdicts:
 
     def test_a_figure_is_linked_where_one_was_drawn(self, page):
         for claim, row in zip(CLAIMS, table_of(page, "The paper's claims"), strict=True):
-            assert row[-1] == (f"Fig. {claim.figure[3]}" if claim.figure else "–")
+            figure = f"Fig. {claim.figure[3]}" if claim.figure else "–"
+            assert row[-1].replace("\u00a0", " ") == f"{figure}orchid reproduce --only {claim.key}"
         assert '<a href="#fig4_tcp">Fig.\u00a04</a>' in page
 
     def test_every_comparison_is_told_with_the_documents_numbers(self, document, page):
-        seen = 0
+        seen, found = 0, set()
         for claim in (*document.claims, *document.questions):
             for words, judged in (
                 ("users in hotspots", claim.tcp),
@@ -195,9 +205,11 @@ class TestVerdicts:
                     assert ends == pytest.approx([end * factor for end in check.ci95], abs=half)
                     assert row[6] == "0.012"
                     assert row[7] == "10 of 10"
-                    assert row[9].endswith(check.finding)
+                    assert row[9][2:] == found_in_words(check)
                     seen += 1
+                    found.add(row[9][2:])
         assert seen > 200
+        assert {"yes", "undecided", "no (less than counts)", "no (the opposite)"} <= found
 
     def test_no_margin_vanishes_in_rounding(self):
         for claim in (*CLAIMS, *QUESTIONS):
