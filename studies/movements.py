@@ -100,9 +100,7 @@ def main() -> None:
     require_commit(parser, options, target)
     found = movements([run for directory in options.runs for run in directory.iterdir()])
     settings = {"topologies": TOPOLOGIES, "late_slots": LATE_SLOTS, "seed": EVALUATION_SEED}
-    command = (
-        f"python -m studies.movements {options.name} RUNS: {len(found)} runs of orchid reproduce"
-    )
+    command = f"python -m studies.movements {options.name} RUNS: {len(found)} runs"
     document = record(settings, command=command, runs=found)
     write_result(target, document, ('{"method":',))
     for one in found:
