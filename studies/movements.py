@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from orchid_uav.envs import WorldBatch
 from orchid_uav.envs.seeds import evaluation_seeds
-from orchid_uav.experiments.evaluation.methods import Policy, read_policy
+from orchid_uav.experiments.evaluation.flights import EvaluationPlan, Setting, evaluate
+from orchid_uav.experiments.evaluation.methods import Policy, read_policy, rows_of
 from orchid_uav.experiments.reproduction.settings import EVALUATION_SEED
 from orchid_uav.experiments.runs.records import read_record
 from studies.recording import RESULTS, add_recording_options, record, require_commit, write_result
@@ -27,6 +28,13 @@ LATE_SLOTS = 50
 STILL_MPS, LOOP_SHARE, LEAST_PATH_M = 0.05, 0.2, 20.0
 """A UAV stands still below this speed; it loops if it gets no farther than this share of a path
 that is at least so long."""
+REPEATS = 0.9
+"""A UAV flies to and fro if it turns back in every slot, and its move after the next one is the
+same again: at least by this share of its square."""
+METRICS = (
+    *("utility", "energy_efficiency_bit_per_joule", "thrust_energy_efficiency_bit_per_joule"),
+    *("propulsion_power_w", "rate_jfi"),
+)
 _RUN = re.compile(r"\d{8}T\d{6}Z-(.+)-s(\d+)-[a-z]{4}")
 
 Floats = NDArray[np.float64]
@@ -63,15 +71,33 @@ def described(positions_m: Floats, slot_s: float) -> dict[str, float]:
     directions = ways[moving] / np.maximum(gained[moving], 1e-9)[:, None]
     same = float(np.linalg.norm(directions.mean(axis=0))) if moving.any() else 0.0
     loops = (paths > LEAST_PATH_M) & (gained < LOOP_SHARE * paths)
+    moves = np.diff(late, axis=0)
+    power, next_but_one = (
+        (moves[:-2] * moves[at:][: len(moves) - 2]).sum((0, -1)) for at in (0, 2)
+    )
+    following = (moves[:-2] * moves[1:-1]).sum((0, -1))
+    to_and_fro = moving & (following < 0.0) & (next_but_one > REPEATS * power)
     return {
         "speed_mps": float(steps.mean() / slot_s),
         "still": float(1.0 - moving.mean()),
         "loops": float(loops.mean()),
+        "to_and_fro": float(to_and_fro.mean()),
         "straightness": float((gained[moving] / paths[moving]).mean()) if moving.any() else 0.0,
         "same_direction": same,
         "distance_m": float(np.linalg.norm(plane[-1] - plane[0], axis=-1).mean()),
         "climb_m": float((positions_m[-1, ..., 2] - positions_m[0, ..., 2]).mean()),
     }
+
+
+def reached(policy: Policy) -> dict[str, float]:
+    """What it reaches on the same flights, in the network that it was trained in."""
+    network = policy.config.network
+    contender = rows_of(policy, "policy", "", stochastic=False, is_zero=False)
+    setting = Setting(network.distribution, network.uav_count, network.user_count)
+    world = policy.config.network_parameters
+    plan = EvaluationPlan(contender, [setting], TOPOLOGIES, EVALUATION_SEED, world)
+    (metrics,) = evaluate(plan)[0].values()
+    return {metric: float(np.mean(metrics[metric])) for metric in METRICS}
 
 
 def movements(runs: Sequence[Path]) -> list[dict[str, Any]]:
@@ -83,7 +109,7 @@ def movements(runs: Sequence[Path]) -> list[dict[str, Any]]:
             continue
         policy = read_policy(run)
         moves = described(flown_positions_m(policy), policy.config.network.slot_s)
-        found.append({"method": match[1], "seed": int(match[2]), **moves})
+        found.append({"method": match[1], "seed": int(match[2]), **moves, **reached(policy)})
     return sorted(found, key=lambda one: (one["method"], one["seed"]))
 
 

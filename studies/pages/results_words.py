@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 from orchid_uav.experiments.ablation.result import TriggerReplay
 from orchid_uav.experiments.configuration import RunConfig
+from orchid_uav.experiments.metrics import METRICS
 from orchid_uav.experiments.reproduction import settings
 from orchid_uav.experiments.reproduction.checks import (
     EFFICIENCY,
@@ -37,6 +38,9 @@ from studies.pages.guards import must_hold
 from studies.pages.markdown import recorded, table
 from studies.pages.results import PAGE, is_measured, result, rows_read
 from studies.recording import ROOT, read
+
+_EARLIER = "earlier_controls"
+"""Movements of two policies of an earlier study, trained again."""
 
 
 class Sentence(NamedTuple):
@@ -159,7 +163,8 @@ def _difference(check: Judgement) -> str:
 
 def movements_block() -> str:
     """How trained policies move without noise."""
-    documents = {path: read(f"movements/{path.stem}") for path in sorted(FOLDER.glob("*.json"))}
+    paths = sorted(path for path in FOLDER.glob("*.json") if path.stem != _EARLIER)
+    documents = {path: read(f"movements/{path.stem}") for path in paths}
     by_method = defaultdict(list)
     for document in documents.values():
         for one in document["runs"]:
@@ -188,6 +193,35 @@ def movements_block() -> str:
         "gained over the path flown; *still* and *loop* are shares of UAVs; *same\ndirection* is 1 "
         "where all UAVs of all topologies fly the same way, near 0 where each flies its own.\n\n"
         + "\n".join(origins)
+    )
+
+
+def to_and_fro_block() -> str:
+    """The policies that did learn to move, trained again."""
+    document = read(f"movements/{_EARLIER}")
+    slow, shuttling = sorted(document["runs"], key=lambda one: one["to_and_fro"])
+    hovering = Evidence(rows_read()).flown("static-mmf", EFFICIENCY, [settings.base("tcp")])[0]
+    thrust = f"thrust_{EFFICIENCY}"
+    must_hold(slow["to_and_fro"] == 0.0 and slow["straightness"] > 0.99, "one drifts")
+    must_hold(shuttling["to_and_fro"] > 0.9, "the other flies to and fro")
+    must_hold(shuttling[thrust] < hovering < shuttling[EFFICIENCY], "which thrust takes away")
+    keys = (EFFICIENCY, thrust, UTILITY, "propulsion_power_w")
+    rows = [
+        [
+            str(one["seed"]),
+            *(METRICS[key].text(one[key]) for key in keys),
+            *(f"{one[key]:.2f}" for key in ("speed_mps", "straightness", "to_and_fro")),
+        ]
+        for one in document["runs"]
+    ]
+    heads = ["seed", *(METRICS[key].heading for key in keys)]
+    heads += ["speed (m/s)", "straightness", "to and fro"]
+    return (
+        f"{table(heads, rows)}\n\n"
+        f"Hovering's energy efficiency is {METRICS[EFFICIENCY].text(hovering)} Mbit/J. *To and fro* "
+        "is the share of UAVs that turn back in every slot.\n\n"
+        f"{recorded(document)}, `{document['command']}` → "
+        f"`studies/results/movements/{_EARLIER}.json`."
     )
 
 
@@ -246,6 +280,7 @@ def _missing(claim: JudgedClaim) -> str:
 RESULTS_WORDS_BLOCKS = {
     "results in words": (PAGE, words_block),
     "results movements": (PAGE, movements_block),
+    "results to and fro": (PAGE, to_and_fro_block),
     "results trigger": (PAGE, trigger_block),
     "results waiting": (PAGE, waiting_block),
 }

@@ -31,6 +31,27 @@ def test_a_circle_is_a_loop():
     assert moves["straightness"] < 0.2
 
 
+def test_who_turns_back_every_slot_flies_to_and_fro_even_while_it_drifts():
+    moves = described(flown(lambda time_s: (0.2 * time_s + 3 * (time_s % 2), 0.0)), 1.0)
+    assert moves["to_and_fro"] == 1.0
+    assert moves["speed_mps"] == pytest.approx(3.0)
+    assert moves["distance_m"] == pytest.approx(40.0)
+
+
+@pytest.mark.parametrize(
+    "way",
+    [
+        lambda time_s: (0.6 * time_s, 0.8 * time_s),
+        lambda time_s: (3.0, 4.0),
+        lambda time_s: (40 * np.cos(time_s / 4), 40 * np.sin(time_s / 4)),
+        lambda time_s: (np.random.default_rng(int(time_s)).normal(0.0, 9.0), 0.0),
+    ],
+    ids=["drift", "still", "circle", "noise"],
+)
+def test_others_do_not_fly_to_and_fro(way):
+    assert described(flown(way), 1.0)["to_and_fro"] == 0.0
+
+
 def test_who_stands_has_no_direction():
     moves = described(flown(lambda time_s: (3.0, 4.0)), 1.0)
     assert moves["still"] == 1.0
