@@ -72,11 +72,10 @@ def described(positions_m: Floats, slot_s: float) -> dict[str, float]:
     same = float(np.linalg.norm(directions.mean(axis=0))) if moving.any() else 0.0
     loops = (paths > LEAST_PATH_M) & (gained < LOOP_SHARE * paths)
     moves = np.diff(late, axis=0)
-    power, next_but_one = (
-        (moves[:-2] * moves[at:][: len(moves) - 2]).sum((0, -1)) for at in (0, 2)
-    )
-    following = (moves[:-2] * moves[1:-1]).sum((0, -1))
-    to_and_fro = moving & (following < 0.0) & (next_but_one > REPEATS * power)
+    first, second, third = moves[:-2], moves[1:-1], moves[2:]
+    turns_back = (first * second).sum((0, -1)) < 0.0
+    repeats = (first * third).sum((0, -1)) > REPEATS * (first * first).sum((0, -1))
+    to_and_fro = moving & turns_back & repeats
     return {
         "speed_mps": float(steps.mean() / slot_s),
         "still": float(1.0 - moving.mean()),

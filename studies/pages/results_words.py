@@ -218,8 +218,8 @@ def to_and_fro_block() -> str:
     heads += ["speed (m/s)", "straightness", "to and fro"]
     return (
         f"{table(heads, rows)}\n\n"
-        f"Hovering's energy efficiency is {METRICS[EFFICIENCY].text(hovering)} Mbit/J. *To and fro* "
-        "is the share of UAVs that turn back in every slot.\n\n"
+        f"Hovering's energy efficiency is {METRICS[EFFICIENCY].text(hovering)} Mbit/J. *To and "
+        "fro* is the share of UAVs that turn back in every slot.\n\n"
         f"{recorded(document)}, `{document['command']}` → "
         f"`studies/results/movements/{_EARLIER}.json`."
     )

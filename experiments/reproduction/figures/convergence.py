@@ -28,7 +28,7 @@ from orchid_uav.experiments.metrics import METRICS
 from orchid_uav.experiments.reproduction.figures.drawn import (
     PANELS,
     DrawnFigure,
-    extremes_text,
+    listed_text,
     missing_text,
     save,
     value_text,
@@ -243,8 +243,7 @@ class _Sheet:
             heading = METRICS[metric].title
             sentences.append(
                 f"{heading[:1].upper()}{heading[1:]} over the last {FINAL_EPISODES} episodes of "
-                f"training: {_ranked(metric, ends)}; {first} begins at {begin} and ends at "
-                f"{value_text(metric, ends[first])}."
+                f"training: {listed_text(metric, ends)}; {first} begins at {begin}."
             )
             flown = {
                 method: curve.values[-1] / scale_of(metric)
@@ -252,25 +251,13 @@ class _Sheet:
                 if len(curve.values)
             }
             if flown:
-                sentences.append(f"At last, without noise: {_ranked(metric, flown)}.")
+                sentences.append(f"At last, without noise: {listed_text(metric, flown)}.")
         return " ".join(sentences)
 
 
 def objective_of(method: str) -> str:
     """The objective of whose rewards a method's are, in words."""
     return "proportional" if "-pf" in method else "max-min"
-
-
-def _ranked(metric: str, values: Mapping[str, float]) -> str:
-    """The highest and the lowest value; of rewards for each objective, as they do not compare."""
-    objectives = {objective_of(method) for method in values}
-    if metric != "reward" or len(objectives) < 2:
-        return extremes_text(metric, values)
-    parts = []
-    for objective in sorted(objectives):
-        own = {method: values[method] for method in values if objective_of(method) == objective}
-        parts.append(f"of {objective} ones {extremes_text(metric, own)}")
-    return ", ".join(parts)
 
 
 def _trained(rows: Sequence[Row], metric: str) -> Curve:

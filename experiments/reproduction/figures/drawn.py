@@ -74,6 +74,15 @@ def extremes_text(metric: str, values: Mapping[str, float]) -> str:
     return ", ".join(told)
 
 
+def listed_text(metric: str, values: Mapping[str, float]) -> str:
+    """All values, the highest first: "a and b 0.9, c 0.7"; those that look equal together."""
+    known = {label: value for label, value in values.items() if math.isfinite(value)}
+    named: dict[str, list[str]] = {}
+    for label in sorted(known, key=known.__getitem__, reverse=True):
+        named.setdefault(value_text(metric, known[label]), []).append(label)
+    return ", ".join(f"{' and '.join(labels)} {text}" for text, labels in named.items())
+
+
 def _named(labels: Sequence[str]) -> str:
     if len(labels) > MOST_NAMED:
         return f"{len(labels)} methods"

@@ -25,6 +25,7 @@ from orchid_uav.experiments.figures.style import (
     wrap,
 )
 from orchid_uav.experiments.metrics import METRICS
+from orchid_uav.experiments.reproduction.checks import MARGINS
 from orchid_uav.experiments.reproduction.figures.drawn import (
     DrawnFigure,
     extremes_text,
@@ -57,6 +58,8 @@ FAMILIES: Mapping[str, Sequence[str]] = {
 _CLOSE = tuple(FAMILIES)[:2]
 """Rows with a scale of their own: among the others' values theirs could not be told apart."""
 _PANEL_IN = 1.3
+_LEAST_SPAN = 5.0
+"""An axis is at least so many margins long: what does not count does not fill it."""
 
 
 class Axis(NamedTuple):
@@ -223,6 +226,9 @@ class _Sheet:
         least, greatest = (bound * METRICS[metric].scale for bound in bounds_of(metric))
         low = max(min(min(one.low, one.mean - one.error) for one in values), least)
         high = min(max(max(one.high, one.mean + one.error) for one in values), greatest)
+        low, high = _widened(low, high, _LEAST_SPAN * MARGINS[metric] * METRICS[metric].scale)
+        if high > greatest:
+            low, high = low - (high - greatest), greatest
         room = 0.05 * (high - low)
         return limits_of(metric, low, high, (low - room, high + room))
 
@@ -245,7 +251,8 @@ class _Sheet:
         return (
             "Marker and line: mean over training seeds and topologies, flown without noise. Band: "
             "±1 standard deviation over topologies. Bar: ±1 standard deviation between seeds. "
-            "The two upper panels of a column have the same scale, and so have those below them."
+            "The two upper panels of a column have the same scale, and so have those below them. "
+            "A method that was not trained for an axis stands at the paper's network alone."
         )
 
     def missing(self, seeds: int) -> str:
@@ -278,17 +285,29 @@ class _Sheet:
             heading = METRICS[metric].title
             words = f"{heading[:1].upper()}{heading[1:]} in the mean over the axis: "
             words += extremes_text(metric, means)
-            first = next(iter(curves))
-            own = curves[first]
-            begin, end = min(own), max(own)
-            if begin < end:
-                words += (
-                    f"; {first} goes from {value_text(metric, own[begin].mean)} "
-                    f"at {self.axis.at.format(begin)} to {value_text(metric, own[end].mean)} "
-                    f"at {self.axis.at.format(end)}"
-                )
-            sentences.append(f"{words}.")
+            sentences.append(f"{words}{self._ends_in_words(metric)}.")
         return " ".join(sentences)
+
+    def _ends_in_words(self, metric: str) -> str:
+        """Where the curves of the paper's methods and of their twins begin and end."""
+        begin, end = min(self.axis.places), max(self.axis.places)
+        named: dict[str, list[str]] = {}
+        for label in dict.fromkeys(own for title in _CLOSE for own in self.families.get(title, ())):
+            curve = self.curves[metric][label]
+            if begin in curve and end in curve:
+                ends = (value_text(metric, curve[place].mean) for place in (begin, end))
+                named.setdefault(" to ".join(ends), []).append(label)
+        if not named:
+            return ""
+        told = (f"{' and '.join(labels)} {ends}" for ends, labels in named.items())
+        places = " to ".join(self.axis.at.format(place) for place in (begin, end))
+        return f". From {places}: {'; '.join(told)}"
+
+
+def _widened(low: float, high: float, span: float) -> tuple[float, float]:
+    """Two ends at least so far apart, about the same middle."""
+    half = max(span - (high - low), 0.0) / 2.0
+    return low - half, high + half
 
 
 def _flown(rows: Iterable[Row], case: Case, is_zero: bool) -> list[FlownCase]:

@@ -10,7 +10,11 @@ from orchid_uav.experiments.metrics import METRICS
 from orchid_uav.experiments.reproduction.figures import convergence, scaling, strategy
 from orchid_uav.experiments.reproduction.figures.all_figures import TRAINED, axes, draw_figures
 from orchid_uav.experiments.reproduction.figures.convergence import draw_convergence
-from orchid_uav.experiments.reproduction.figures.drawn import extremes_text, missing_text
+from orchid_uav.experiments.reproduction.figures.drawn import (
+    extremes_text,
+    listed_text,
+    missing_text,
+)
 from orchid_uav.experiments.reproduction.figures.scaling import FAMILIES, draw_scaling
 from orchid_uav.experiments.reproduction.figures.strategy import draw_strategy
 from orchid_uav.experiments.reproduction.job import HOVERING, RULES
@@ -44,6 +48,10 @@ class TestWords:
     def test_name_the_highest_and_the_lowest_as_they_are_shown(self):
         told = extremes_text(EFFICIENCY, {"a": 0.2e6, "b": 0.31e6, "c": 0.25e6})
         assert told == "highest b 0.310 Mbit/J, lowest a 0.200 Mbit/J"
+
+    def test_list_all_from_the_highest_on(self):
+        values = {"a": 0.7, "b": np.nan, "c": 0.9, "d": 0.70001}
+        assert listed_text("rate_jfi", values) == "c 0.900, d and a 0.700"
 
     def test_make_no_difference_that_cannot_be_seen(self):
         assert extremes_text("coverage", {"a": 1.0, "b": 0.99999}) == "all 1.000"
@@ -104,8 +112,11 @@ class TestLearningCurves:
             )
             for method in ("orchid", "static-pf")
         }
-        assert f"of proportional ones static-pf {ends['static-pf']:.1f}" in figure.alternative
-        assert f"ends at {ends['orchid']:.1f}" in figure.alternative
+        [told] = re.findall("episodes of training: ([^;]*); orchid begins at", figure.alternative)[
+            :1
+        ]
+        for method, end in ends.items():
+            assert re.search(rf"\b{method}(?: and [a-z-]+)* {end:.1f}\b", told)
 
     def test_are_left_out_without_a_training(self, rows, tmp_path):
         rules = [row for row in rows if row.seed is None]
@@ -156,8 +167,10 @@ class TestMethodsOverAnAxis:
         assert "Rate JFI in the mean over the axis: highest best-response 0.970" in (
             figure.alternative
         )
-        assert re.search(r"orchid goes from 0\.7\d\d at 50 users to 0\.7\d\d at 200 users",
-                         figure.alternative)  # fmt: skip
+        assert re.search(
+            r"Rate JFI [^.]*[^:]*From 50 users to 200 users: [^:]*orchid 0\.7\d\d to 0\.7\d\d; ",
+            figure.alternative,
+        )
         shown = texts_of(figure.path)
         for title in ("The paper's methods", "orchid-zero", "best-response"):
             assert title in shown
