@@ -28,7 +28,7 @@ td small, th small { color: var(--quiet); font-size: 0.86em; }
 .claims td > .badge { display: inline-block; }
 .claims td:nth-child(3) small { margin-top: 0.25rem; }
 .claims td:nth-child(3) { white-space: nowrap; }
-.claims td:nth-child(5), .claims td:nth-child(6), .claims td:nth-child(7) a { white-space: nowrap; }
+.claims td:nth-child(5), .claims td:nth-child(6), .claims td:nth-child(7) { white-space: nowrap; }
 .claim { border-top: 1px solid var(--line); margin: 0; padding: 0.45rem 0; }
 .claim > summary { font-weight: 400; } .claim[open] { padding-bottom: 1rem; }
 .claim .badge { margin: 0 0.3rem; }

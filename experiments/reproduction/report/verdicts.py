@@ -59,7 +59,7 @@ def at_a_glance(claims: Sequence[JudgedClaim], is_quick: bool) -> list[Markup]:
 def claims_table(caption: str, claims: Sequence[JudgedClaim], figures: Figures) -> Markup:
     """A line for each claim, with the comparison that its verdict hangs on."""
     heads = ["", "Claim", "Verdict", "What decides", "Difference [95 % interval]", "Pairs"]
-    heads.append("Figure and command")
+    heads.append("Figure, orchid reproduce …")
     rows = [_line(claim, figures) for claim in claims]
     return element("div", table(caption, heads, rows), class_="claims")
 
@@ -89,8 +89,8 @@ def _line(claim: JudgedClaim, figures: Figures) -> list[Markup]:
         difference += [element("small", least)] if least else []
         cells += [("What decides", [*words]), ("Difference", [*difference])]
         cells += [("Pairs", [pairs_text(check)])]
-    command = element("small", code(shlex.join(claim.command)))
-    cells.append(("Figure and command", [shown, command]))
+    command = element("small", code(shlex.join(claim.command[2:])))
+    cells.append(("Figure, orchid reproduce …", [shown, command]))
     return [
         element("a", key, href=f"#{claim.key}"),
         *(element("td", *content, data_label=label) for label, content in cells),
@@ -131,6 +131,8 @@ def _details(claim: JudgedClaim, figures: Figures) -> Markup:
     ]
     if links:
         parts.append(element("p", "Figures: ", separated(links)))
+    alone = code(shlex.join(claim.command))
+    parts.append(element("p", "Trains, flies and judges it alone: ", alone, "."))
     methods = _trained_methods(claim.tcp.checks)
     if methods:
         commands = [element("a", method, href=f"#train-{method}") for method in methods]

@@ -177,7 +177,8 @@ class TestVerdicts:
     def test_a_figure_is_linked_where_one_was_drawn(self, page):
         for claim, row in zip(CLAIMS, table_of(page, "The paper's claims"), strict=True):
             figure = f"Fig. {claim.figure[3]}" if claim.figure else "–"
-            assert row[-1].replace("\u00a0", " ") == f"{figure}orchid reproduce --only {claim.key}"
+            assert row[-1].replace("\u00a0", " ") == f"{figure}--only {claim.key}"
+            assert f"orchid reproduce --only {claim.key}<" in page
         assert '<a href="#fig4_tcp">Fig.\u00a04</a>' in page
 
     def test_every_comparison_is_told_with_the_documents_numbers(self, document, page):
