@@ -1,5 +1,7 @@
 """The table of README.md: the paper's methods over their seeds, beside doing nothing and rules."""
 
+import textwrap
+
 import numpy as np
 
 from orchid_uav.experiments.metrics import METRICS
@@ -8,6 +10,7 @@ from orchid_uav.experiments.reproduction.checks import UTILITY
 from orchid_uav.experiments.reproduction.evidence import Evidence
 from orchid_uav.experiments.reproduction.report.methods import signed
 from orchid_uav.experiments.reproduction.result import FlownMethod
+from studies.pages.findings import WIDTH
 from studies.pages.guards import must_hold
 from studies.pages.markdown import ROOT, table
 from studies.pages.results import result, rows_read
@@ -39,23 +42,33 @@ def headline_block() -> str:
     )
     planner = next(one for one in read_evaluation("methods").results if one.method == "planner")
     heads = ["method", *(METRICS[metric].heading for metric in COLUMNS), "beyond doing nothing"]
-    return (
-        "![Energy efficiency over the number of UAVs]"
-        "(docs/figures/uavs_energy_efficiency_bit_per_joule.png)\n"
-        "![Rate fairness over the number of UAVs](docs/figures/uavs_rate_jfi.png)\n\n"
-        "The pictures show the released policies, one training of each. The table has "
-        f"{seeds.pop()} trainings: 6 UAVs,\n100 users in hotspots, {result().topologies} unseen "
-        "topologies, policies without noise; means, ± standard deviation between training seeds.\n"
-        "The last column is the utility less that of the method's own zero-action twin. Coverage "
-        "is the share served\nof the drones' own users (*target users*); where all hover, "
-        f"{served:.3f} of all users are served, since the ground\nstation reaches {reached:.3f} of "
-        "its own.\n\n"
-        f"{table(heads, rows)}\n\n"
-        "Figures, verdicts and commands: [the paper's results](docs/results.md). Other rules, a "
-        "planner that knows every\nradio link (utility "
-        f"{planner.metrics[UTILITY].mean:.3f}), the distilled policy and all metrics: "
-        "[evaluation](docs/evaluation.md), on other topologies."
+    return "\n\n".join(
+        [
+            "![Energy efficiency over the number of UAVs]"
+            "(docs/figures/uavs_energy_efficiency_bit_per_joule.png)\n"
+            "![Rate fairness over the number of UAVs](docs/figures/uavs_rate_jfi.png)",
+            _wrapped(
+                "The pictures show the released policies, one training of each. The table has "
+                f"{seeds.pop()} trainings: 6 UAVs, 100 users in hotspots, {result().topologies} "
+                "unseen topologies, policies without noise; means, ± standard deviation between "
+                "training seeds. The last column is the utility less that of the method's own "
+                "zero-action twin. Coverage is the share served of the drones' own users (*target "
+                f"users*); where all hover, {served:.3f} of all users are served, since the ground "
+                f"station reaches {reached:.3f} of its own."
+            ),
+            table(heads, rows),
+            _wrapped(
+                "Figures, verdicts and commands: [the paper's results](docs/results.md). Other "
+                "rules, a planner that knows every radio link (utility "
+                f"{planner.metrics[UTILITY].mean:.3f}), the distilled policy and all metrics: "
+                "[evaluation](docs/evaluation.md), on other topologies."
+            ),
+        ]
     )
+
+
+def _wrapped(text: str) -> str:
+    return textwrap.fill(text, WIDTH, break_on_hyphens=False)
 
 
 def _cells(method: FlownMethod) -> list[str]:

@@ -29,6 +29,7 @@ _GAINED = (UTILITY, RATE, WORST)
 _SCALES = {metric: METRICS[metric] for metric in TABLED}
 _CHOICES = len(SENSITIVITIES) + len(AMONG_UNIFORM)
 USERS: Mapping[Distribution, str] = {"tcp": "in hotspots", "uniform": "spread evenly"}
+"""Where users stand, in words."""
 _Added = tuple[FlownMethod, Mapping[str, SeedSummary], Mapping[str, Difference]]
 """A method, what it reaches, and what of that is beyond the paper's policy."""
 

@@ -415,3 +415,42 @@ def test_what_a_method_adds_is_paired_by_seed():
     expected = mean_of("balanced-loiter", "utility", None) - np.mean(paper)
     assert rule.mean == pytest.approx(expected, abs=1e-4)
     assert by_key["orchid"].beside_orchid == {}
+
+
+def test_what_a_method_adds_where_users_walk_is_told_apart():
+    rows = list(make_rows(["orchid", "orchid-informed", "orchid-10mhz"], rules=["best-response"]))
+    document = make_reproduction(rows)
+    by_key = {method.method: method for method in document.methods}
+    assert by_key["orchid-10mhz"].walking == by_key["orchid-10mhz"].walking_beside_orchid == {}
+    own = by_key["orchid-informed"]
+    # Only `orchid` keeps its fairness where users walk, by these rows.
+    lost = 0.02 * np.mean([5.0, 10.0, 15.0]) / 15.0
+    staying, walking = own.beside_orchid["rate_jfi"], own.walking_beside_orchid["rate_jfi"]
+    assert walking.mean == pytest.approx(staying.mean - lost, abs=1e-4)
+    assert own.walking["rate_jfi"].mean == pytest.approx(
+        own.deterministic["rate_jfi"].mean - lost, abs=1e-4
+    )
+    page = report_html(document, [])
+    caption = (
+        "Where users walk at 5 to 15 m/s and hold their headings for 20 s, flown without noise"
+    )
+    told = {row[0]: row for row in table_of(page, caption)}
+    assert list(told) == ["orchid", "orchid-informed", "best-response"]
+    added = numbers_in(told["orchid-informed"][5])
+    assert added == pytest.approx([walking.mean, *walking.ci95], abs=0.0005001)
+
+
+def test_what_was_trained_on_uniform_users_is_flown_there_too():
+    rows = list(make_rows(["orchid", "orchid-uniform", "orchid-no-rf-uniform"]))
+    found = make_reproduction(rows).sensitivities
+    assert [(one.method, one.users) for one in found] == [
+        ("orchid-uniform", "tcp"),
+        ("orchid-uniform", "uniform"),
+        ("orchid-no-rf-uniform", "uniform"),
+    ]
+    for one in found:
+        gains = [
+            mean_of(one.method, "utility", seed) - mean_of(f"{one.method}-zero", "utility", seed)
+            for seed in SEEDS
+        ]
+        assert one.gained.mean == pytest.approx(np.mean(gains), abs=1e-4)
