@@ -472,3 +472,8 @@ def c30(distribution: Distribution) -> Iterator[Check]:
         for rule in (STATIC, STATIC_MMF):
             for metric in (RATE, LOAD):
                 yield beside(ORCHID, "not lower", rule, metric, [fast], where=where)
+
+
+def c31(distribution: Distribution) -> Iterator[Check]:
+    """ORCHID beside MADDPG, over all speeds of users that walk."""
+    yield from narrowest_efficiency(_walking(distribution))

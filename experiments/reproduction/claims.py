@@ -301,6 +301,15 @@ CLAIMS: tuple[Claim, ...] = (
         by_distribution=True,
         note="Beside hovering with either rule of sharing.",
     ),
+    Claim(
+        "c31",
+        "Where users walk, too, ORCHID's energy efficiency spreads less than MADDPG's.",
+        "VI-E, Fig. 6",
+        "fig6",
+        checks.c31,
+        by_distribution=True,
+        note=f"{_RELATIVE} {_TUNED}",
+    ),
 )
 """The paper's, in its order."""
 

@@ -111,6 +111,7 @@ PLANTED: dict[str, list[Effect]] = {
         Effect("static-pf", [EFFICIENCY], -5, axis=uavs),
     ],
     "c12": [Effect("orchid", [EFFICIENCY], -5, "spread", axis=uavs)],
+    "c31": [Effect("orchid", [EFFICIENCY], -5, "spread", axis=walking)],
     "c13": [Effect("orchid", FAIRNESS, 5, axis=uavs)],
     "c15": [
         Effect("static-pf", FAIRNESS, -5, where=fast),
