@@ -77,7 +77,8 @@ def _cells(method: FlownMethod) -> list[str]:
         described, summary = METRICS[metric], method.deterministic[metric]
         text = "–" if summary.mean is None else described.text(summary.mean)
         spread = described.text(summary.std) if method.seeds and summary.std else ""
-        cells.append(f"{text} ± {spread}" if spread.strip("0.") else text)
+        is_seen = bool(spread.strip("0."))  # and is not all zeros
+        cells.append(f"{text} ± {spread}" if is_seen else text)
     return cells
 
 

@@ -68,7 +68,7 @@ def _choices_in_words(found: Sequence[Sensitivity]) -> str:
         "Where the paper leaves a choice open, or states two values, others were trained as well. "
         "None lifts a policy above its twin, in the mean. With less exploration noise they end "
         "near it. Trained on evenly spread users they are farther below it among users in "
-        f"hotspots, and no better among evenly spread ones; "
+        "hotspots, and no better among evenly spread ones; "
         "Reset-and-Finetune is not shown to help there either, "
         f"{difference_text(UTILITY, reset)} with it less without it. What a search of many such "
         "choices at once found (`orchid-tuned`: less noise and slower learning, among others) is "

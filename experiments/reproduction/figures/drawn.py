@@ -77,10 +77,16 @@ def extremes_text(metric: str, values: Mapping[str, float]) -> str:
 def listed_text(metric: str, values: Mapping[str, float]) -> str:
     """All values, the highest first: "a and b 0.9, c 0.7"; those that look equal together."""
     known = {label: value for label, value in values.items() if math.isfinite(value)}
+    highest_first = sorted(known, key=known.__getitem__, reverse=True)
+    return ", ".join(told_together({key: value_text(metric, known[key]) for key in highest_first}))
+
+
+def told_together(texts: Mapping[str, str]) -> list[str]:
+    """Labels with their texts, such as "a and b 0.9"; those with the same text are named once."""
     named: dict[str, list[str]] = {}
-    for label in sorted(known, key=known.__getitem__, reverse=True):
-        named.setdefault(value_text(metric, known[label]), []).append(label)
-    return ", ".join(f"{' and '.join(labels)} {text}" for text, labels in named.items())
+    for label, text in texts.items():
+        named.setdefault(text, []).append(label)
+    return [f"{' and '.join(labels)} {text}" for text, labels in named.items()]
 
 
 def _named(labels: Sequence[str]) -> str:

@@ -31,6 +31,7 @@ from orchid_uav.experiments.reproduction.figures.drawn import (
     extremes_text,
     missing_text,
     save,
+    told_together,
     value_text,
 )
 from orchid_uav.experiments.reproduction.rows import FlownCase, Row
@@ -291,17 +292,17 @@ class _Sheet:
     def _ends_in_words(self, metric: str) -> str:
         """Where the curves of the paper's methods and of their twins begin and end."""
         begin, end = min(self.axis.places), max(self.axis.places)
-        named: dict[str, list[str]] = {}
-        for label in dict.fromkeys(own for title in _CLOSE for own in self.families.get(title, ())):
+        ends = {}
+        for label in (own for title in _CLOSE for own in self.families.get(title, ())):
             curve = self.curves[metric][label]
             if begin in curve and end in curve:
-                ends = (value_text(metric, curve[place].mean) for place in (begin, end))
-                named.setdefault(" to ".join(ends), []).append(label)
-        if not named:
+                ends[label] = " to ".join(
+                    value_text(metric, curve[place].mean) for place in (begin, end)
+                )
+        if not ends:
             return ""
-        told = (f"{' and '.join(labels)} {ends}" for ends, labels in named.items())
         places = " to ".join(self.axis.at.format(place) for place in (begin, end))
-        return f". From {places}: {'; '.join(told)}"
+        return f". From {places}: {'; '.join(told_together(ends))}"
 
 
 def _widened(low: float, high: float, span: float) -> tuple[float, float]:
